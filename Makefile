@@ -51,11 +51,12 @@ test-inputs: setup ## try every bad input, damaged file and order of labels; mak
 verify: setup ## check all assignments with all of their wrong solutions
 	for a in a1 a2 a3 a4; do .venv/bin/tofrender verify $$a $(ARGS) || exit 1; done
 
-lint: setup ## check style, types, and that packages import downwards only
+lint: setup ## check style, types, plain code, and that packages import downwards only
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/pyright
 	.venv/bin/lint-imports --no-logo --no-cache
+	.venv/bin/python .ci/plain.py
 
 bench: setup ## time the renderer against Mitsuba's steady path tracer and mitransient
 	.venv/bin/python -m benchmarks $(ARGS)

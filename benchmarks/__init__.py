@@ -1,1 +1,1 @@
-"""Speed and memory, as ratios measured side by side in one process."""
+"""Benchmarks: ratios of time and memory, measured side by side in one process."""

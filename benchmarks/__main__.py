@@ -15,6 +15,7 @@ from .cases import CASES
 
 def main() -> None:
     """Run the cases and print a line for each figure."""
+    # Read the options
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}")
     parser.add_argument("--quick", action="store_true", help="small sizes, to see that it runs")
@@ -29,6 +30,8 @@ def main() -> None:
             else (f"--runs = {options.runs}: must be 1 or more")
         )
         parser.exit(2, f"{parser.prog}: error: {what}\n")
+
+    # Start Mitsuba
     if options.variant:
         try:
             tofrender.runtime.backend.activate(options.variant)
@@ -40,6 +43,8 @@ def main() -> None:
         f"tofrender {tofrender.__version__}, Mitsuba {mi.__version__}, {mi.variant()}, "
         f"{dr.thread_count()} threads, medians of {options.runs} runs"
     )
+
+    # Run the cases
     for name in options.cases or CASES:
         for what, value, target in CASES[name](options.runs, options.quick):
             bound = "" if target is None else f"   target {target:g}"

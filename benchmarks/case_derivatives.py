@@ -1,4 +1,4 @@
-"""Derivatives: time over that of the render that they are of."""
+"""The case `derivatives`: time of derivatives over the time of the same render."""
 
 from __future__ import annotations
 
@@ -16,11 +16,15 @@ DEPTHS = (4, 16, 64)
 
 
 def derivatives(runs: int, quick: bool) -> list[Row]:
-    """The transient Cornell box with a pulse: all reflectances in reverse, one forwards."""
+    """Differentiate the transient Cornell box with a pulse.
+
+    Reverse mode differentiates by all reflectances, and forward mode by one reflectance.
+    """
     size, spp = (32, 16) if quick else (128, 64)
     what = f"Cornell box, {size}x{size} x 300 bins, {spp} spp"
     rows: list[Row] = []
     for depth in DEPTHS[:1] if quick else DEPTHS:
+        # Load the scene, and attach gradients to the reflectances
         described = tofrender.cornell_box(width=size, height=size)
         described["sensor"]["film"]["type"] = "tofrender_transient_hdr_film"
         scene = mi.load_dict(described)
@@ -31,6 +35,8 @@ def derivatives(runs: int, quick: bool) -> list[Row]:
         for name in names:
             dr.enable_grad(params[name])
         params.update()
+
+        # Measure the times
         functions = {
             "render": _render(scene, integrator, spp),
             "reverse": _reverse(scene, integrator, params, spp),
@@ -44,6 +50,8 @@ def derivatives(runs: int, quick: bool) -> list[Row]:
 
 
 def _render(scene: mi.Scene, integrator: Any, spp: int) -> Callable[[], None]:
+    """Return a function that renders without derivatives."""
+
     def run() -> None:
         dr.eval(integrator.render(scene, spp=spp))
         dr.sync_thread()
@@ -52,6 +60,7 @@ def _render(scene: mi.Scene, integrator: Any, spp: int) -> Callable[[], None]:
 
 
 def _reverse(scene: mi.Scene, integrator: Any, params: Any, spp: int) -> Callable[[], None]:
+    """Return a function that differentiates the sum of all bins in reverse mode."""
     steady, transient = integrator.render(scene, spp=1)
     asked = dr.zeros(mi.TensorXf, steady.shape), dr.ones(mi.TensorXf, transient.shape)
 
@@ -66,6 +75,8 @@ def _reverse(scene: mi.Scene, integrator: Any, params: Any, spp: int) -> Callabl
 def _forward(
     scene: mi.Scene, integrator: Any, params: Any, name: str, spp: int
 ) -> Callable[[], None]:
+    """Return a function that differentiates by one parameter in forward mode."""
+
     def run() -> None:
         dr.set_grad(params[name], 1.0)
         dr.eval(integrator.render_forward(scene, params, spp=spp))

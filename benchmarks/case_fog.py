@@ -1,4 +1,4 @@
-"""Fog: time over that of Mitsuba's `volpath`, and noise of a gate."""
+"""The cases `fog` and `gates-in-fog`: time relative to Mitsuba's `volpath`, and noise of gates."""
 
 from __future__ import annotations
 
@@ -24,15 +24,18 @@ HAZE = {
 
 
 def fog(runs: int, quick: bool) -> list[Row]:
-    """The Cornell box in coloured fog and with a cloud in it, at equal samples and rays."""
+    """Render the Cornell box in colored fog, and with a cloud, at equal samples and rays."""
     size, spp = (32, 16) if quick else (128, 64)
     rows: list[Row] = []
     for name, change in (("in coloured fog", _in_fog), ("with a cloud", _with_cloud)):
+        # Describe the same scene for both integrators
         steady = tofrender.cornell_box_steady_state(width=size, height=size, spp=spp)
         steady["integrator"] = {"type": "volpath", **DEPTH}
         steady["sensor"]["sampler"] = {"type": "independent", "sample_count": spp}
         ours = tofrender.cornell_box(width=size, height=size, temporal_bins=300, spp=spp)
         ours["integrator"] = {"type": "transient_volpath", "light_samples": 1, **DEPTH}
+
+        # Measure the times
         scenes = {"volpath": steady, "ours": ours}
         loaded = {key: mi.load_dict(change(each)) for key, each in scenes.items()}
         times = in_turn({key: trace(each, spp) for key, each in loaded.items()}, runs)
@@ -42,7 +45,7 @@ def fog(runs: int, quick: bool) -> list[Row]:
 
 
 def gates_in_fog(runs: int, quick: bool) -> list[Row]:
-    """Variance of a gate times CPU time, of plain paths over that of points of the right length."""
+    """Compare gates without and with sampling of the path length, by variance times CPU time."""
     size, spp = (8, 64) if quick else (16, 1024)
     rows: list[Row] = []
     for sigma_t in (0.5, 2.0, 10.0):
@@ -58,11 +61,13 @@ def gates_in_fog(runs: int, quick: bool) -> list[Row]:
 
 
 def _in_fog(scene: dict[str, Any]) -> dict[str, Any]:
+    """Fill the scene with fog."""
     scene["sensor"]["medium"] = HAZE
     return scene
 
 
 def _with_cloud(scene: dict[str, Any]) -> dict[str, Any]:
+    """Add a cloud of random density."""
     density = np.random.default_rng(0).random((8, 8, 8, 1)).astype(np.float32) ** 2
     place = mi.ScalarTransform4f().translate([-0.5, -0.4, -0.4])
     smoke = {
@@ -81,7 +86,7 @@ def _with_cloud(scene: dict[str, Any]) -> dict[str, Any]:
 
 
 def _headlight(size: int, sigma_t: float) -> dict[str, Any]:
-    """A point light half a metre in front of the camera, aside, and a wall 2 m away."""
+    """Describe a camera in fog, with a point light in front of it and a wall at 2 m."""
     look = mi.ScalarTransform4f().look_at([0, 0, 0], [0, 0, -2], [0, 1, 0])
     wall = mi.ScalarTransform4f().translate([0, 0, -2]).scale(20)
     return {
@@ -105,8 +110,10 @@ def _headlight(size: int, sigma_t: float) -> dict[str, Any]:
 
 
 def _gate(scene: mi.Scene, target: float, spp: int, ahead: bool) -> Callable[[int], np.ndarray]:
+    """Return a function that renders a gate [m], with sampling of the path length if `ahead`."""
     gate: Any = {"type": "time_gated_transient_path", "max_depth": 20, "rr_depth": 50}
-    integrator, sensor = mi.load_dict(gate | {"pulse_width_opl": 0.03}), scene.sensors()[0]
+    integrator = mi.load_dict(gate | {"pulse_width_opl": 0.03})
+    sensor = scene.sensors()[0]
 
     def draw(seed: int) -> np.ndarray:
         with mock.patch.object(GatedFog, "serves", staticmethod(lambda _: ahead)):

@@ -1,4 +1,4 @@
-"""The table of gradients: ten parameters against closed forms, differences, and other renderers."""
+"""The case `gradients`: derivatives compared with closed forms, differences and other renderers."""
 
 from __future__ import annotations
 
@@ -24,18 +24,24 @@ from .misuka_sphere import closed_form
 from .timing import Row
 
 COLUMNS = (
-    *("parameter", "scene", "of", "closed form", "forward", "reverse"),
-    *("differences", "mitransient"),
+    "parameter",
+    "scene",
+    "of",
+    "closed form",
+    "forward",
+    "reverse",
+    "differences",
+    "mitransient",
 )
 NOISY_DIFFERENCES = {"index": 64}
-"""Rows that need more samples in differences: light takes the other way at an interface."""
+"""Factors of the samples of differences. With another index, samples may change their branch."""
 
 
 def gradients(runs: int, quick: bool) -> list[Row]:
-    """Deviation from the closed form [%], of forward mode; prints the table as Markdown.
+    """Compare forward mode with closed forms [%], and print a table in Markdown.
 
-    Means over seeds, with the standard error of their last digits. mitransient renders what it can
-    of the same scenes, misuka a sphere of its own.
+    The table contains means over seeds, with the standard error of the last digits in brackets.
+    mitransient renders the same scenes if it supports them. misuka renders a separate sphere.
     """
     from tofrender.integrators.differentiable import VisibilityWarning
 
@@ -53,7 +59,7 @@ def gradients(runs: int, quick: bool) -> list[Row]:
 
 
 def _table() -> Any:
-    """The table's scenes and their closed forms, which are the tests'."""
+    """Import the scenes and the closed forms of the tests."""
     folder = str(Path(__file__).parents[1] / "tests")
     if folder not in sys.path:
         sys.path.insert(0, folder)
@@ -63,15 +69,18 @@ def _table() -> Any:
 
 
 def _rows(case: Any, seeds: range) -> list[tuple[str, list[str], float]]:
-    """For each measure of a case: its name, cells of the table, deviation of forward mode [%]."""
+    """Return name, cells of the table, and deviation [%] for each measure of a case."""
     from helpers.gradient_of import differences, forward, reverse
 
+    # Estimate by forward mode, by differences and by mitransient
     _, change = case.expected()
     weights = case.weights()
     more = NOISY_DIFFERENCES.get(case.row, 1)
     ahead = _samples(lambda seed: forward(case, seed=seed), seeds)
     apart = _samples(lambda seed: differences(case, more * case.spp, seed), seeds[:8])
     theirs = _apart(case.name, seeds)
+
+    # Estimate each measure in reverse mode, and compare with the closed form
     rows = []
     for name, each in weights.items():
         exact = float(each @ change)
@@ -86,10 +95,10 @@ def _rows(case: Any, seeds: range) -> list[tuple[str, list[str], float]]:
 
 
 def _samples(estimate: Callable[[int], np.ndarray], seeds: range) -> np.ndarray | str:
-    """Estimates over seeds, or why there are none, in one line."""
+    """Return the estimates of all seeds, or one line with the reason for missing estimates."""
     try:
         return np.stack([estimate(seed) for seed in seeds])
-    except Exception as error:  # Whatever another renderer says
+    except Exception as error:  # Another renderer may raise anything
         cause: BaseException = error
         while cause.__cause__ is not None:
             cause = cause.__cause__
@@ -98,9 +107,9 @@ def _samples(estimate: Callable[[int], np.ndarray], seeds: range) -> np.ndarray 
 
 
 def _apart(name: str, seeds: range) -> np.ndarray | str:
-    """What mitransient says of a case, in a process of its own: its scenes would stay in memory.
+    """Estimate a case with mitransient in a separate process.
 
-    Dr.Jit asks all scenes that there are for their changes.
+    Otherwise its scenes would stay in memory, and Dr.Jit would ask all of them for changes.
     """
     spawned = multiprocessing.get_context("spawn")
     try:
@@ -111,6 +120,7 @@ def _apart(name: str, seeds: range) -> np.ndarray | str:
 
 
 def _theirs(name: str, seeds: range, variant: str) -> np.ndarray | str:
+    """Estimate a case with mitransient in this process."""
     from tofrender.runtime import backend
 
     backend.activate(variant)
@@ -121,7 +131,7 @@ def _theirs(name: str, seeds: range, variant: str) -> np.ndarray | str:
 
 
 def _cell(found: np.ndarray | str, weights: np.ndarray) -> str:
-    """Mean and standard error, as 0.0325(2)."""
+    """Format mean and standard error, for example as 0.0325(2)."""
     if isinstance(found, str):
         return found
     values = found @ weights if found.ndim > 1 else found
@@ -129,7 +139,7 @@ def _cell(found: np.ndarray | str, weights: np.ndarray) -> str:
 
 
 def with_error(mean: float, error: float) -> str:
-    """A mean whose last digit has the standard error in brackets.
+    """Format a mean, with the standard error of its last digit in brackets.
 
     `with_error(0.032504, 0.0000012)` is `0.0325040(12)`.
     """
@@ -142,7 +152,8 @@ def with_error(mean: float, error: float) -> str:
 
 
 def _mitransient(case: Any, seed: int) -> np.ndarray:
-    """Derivative of the bins, in forward mode, by mitransient's own plugins; no pulse."""
+    """Differentiate the bins in forward mode, with mitransient's plugins and without a pulse."""
+    # Does mitransient support the case?
     if not peers.has("mitransient"):
         raise RuntimeError("not run here: it is not installed")
     described = case.describe()
@@ -151,11 +162,15 @@ def _mitransient(case: Any, seed: int) -> np.ndarray:
         raise RuntimeError("not run: needs this package's plugins")
     if case.of_pulse:
         raise RuntimeError("has no pulse")
+
+    # Load the scene
     kept = {k: v for k, v in integrator.items() if k in ("type", "max_depth", "rr_depth")}
     described = described | {"integrator": kept}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         loaded = _their_scene(described)
+
+    # Differentiate
     parameters = mi.traverse(loaded)
     theta = mi.Float(case.theta)
     dr.enable_grad(theta)
@@ -166,7 +181,7 @@ def _mitransient(case: Any, seed: int) -> np.ndarray:
 
 
 def _their_scene(described: dict[str, Any]) -> mi.Scene:
-    """A scene with mitransient's plugins, whose names then mean this package's again."""
+    """Load a scene with mitransient's plugins, then restore the plugins of this package."""
     import mitransient  # noqa: F401 (must be whole before its parts)
     from helpers.peer_scenes import give_names_back
     from mitransient.films.transient_hdr_film import TransientHDRFilm
@@ -181,7 +196,10 @@ def _their_scene(described: dict[str, Any]) -> mi.Scene:
 
 
 def _misuka(seeds: int) -> str:
-    """Its table, or why there is none; run on its own, since it brings another Mitsuba along."""
+    """Return the table of misuka, or the reason why it is missing.
+
+    misuka runs in a separate process, because it contains another Mitsuba.
+    """
     if not peers.has("misuka"):
         return "misuka: not run here: it is not installed"
     script = Path(__file__).with_name("misuka_sphere.py")
@@ -189,9 +207,12 @@ def _misuka(seeds: int) -> str:
     ran = subprocess.run(command, capture_output=True, text=True, check=False)
     if ran.returncode:
         return f"misuka: failed: {(ran.stderr.strip().splitlines() or ['without a word'])[-1]}"
+
+    # Format the table
     table = ["| misuka | of | frequencies [Hz] | closed form | reverse |\n" + "|---" * 5 + "|"]
     for row in json.loads(ran.stdout):
-        by, of = row["by"], row["of"]
+        by = row["by"]
+        of = row["of"]
         exact = f"{closed_form(by)[of]:.6g}"
         cells = by, of, row["frequencies"], exact, _cell(np.array(row["values"]), np.ones(1))
         table.append("| " + " | ".join(cells) + " |")

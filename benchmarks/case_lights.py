@@ -1,4 +1,4 @@
-"""Light that finds the camera: error at equal time of paths from either end, and from both."""
+"""The cases of light tracing: error at equal time of paths from the camera, lights, and both."""
 
 from __future__ import annotations
 
@@ -17,26 +17,31 @@ TRACERS = ("transient_path", "transient_light_tracer", "transient_bdpt")
 SCENES = ("cornell_box", "caustic", "mirror_and_glass", "lamp_in_fixture", "light_through_hole")
 DEPTH = 6
 OWN = "4,1"
-"""Lamp, into the glass, out of it, floor: the strategy that finds a caustic."""
+"""Strategy that finds a caustic: lamp, two vertices of the glass, floor; then the camera."""
 
 
 def lights(runs: int, quick: bool) -> list[Row]:
-    """Mean squared error times CPU time of the picture and of the bins, over `transient_path`'s.
+    """Compare squared error times CPU time with `transient_path`, for pictures and bins.
 
-    Errors are those from the mean of many bidirectional renders with seeds of their own. Pixels
-    count whose surroundings are no lamp, mirror or glass; those of a caustic have most of their
-    light from there.
+    The reference is the mean of many bidirectional renders with other seeds. Pixels with a lamp, a
+    mirror or glass in their neighborhood are excluded. A pixel belongs to a caustic if most of its
+    light comes from the caustic.
     """
     size, spp, reference = (16, 16, 4) if quick else (64, 256, 32)
     rows: list[Row] = []
     for name in SCENES:
+        # Render the reference
         scene = _scene(name, size)
         truth = _mean(scene, _tracer("transient_bdpt"), spp, range(1000, 1000 + reference))
+
+        # Choose the pixels
         masks = {"": plain_pixels(scene)}
         if name == "caustic":
             own = _mean(scene, _tracer("transient_bdpt", strategy=OWN), spp, range(4))[0]
             found = own.sum(axis=2) > 0.5 * truth[0].sum(axis=2)
             masks = {", caustic": masks[""] & found, ", elsewhere": masks[""] & ~found}
+
+        # Measure the errors
         figures = _figures(scene, truth, masks, spp, runs)
         for tracer in TRACERS[1:]:
             for what, value in figures[tracer].items():
@@ -48,9 +53,9 @@ def lights(runs: int, quick: bool) -> list[Row]:
 
 
 def light_samples(runs: int, quick: bool) -> list[Row]:
-    """Variance of the bins times CPU time of one light point over that of several.
+    """Compare one emitter sample with several, by variance of the bins times CPU time.
 
-    Pixels count as in `lights`.
+    The pixels are the same as in `lights`.
     """
     size, spp = (16, 16) if quick else (64, 256)
     scene = _scene("cornell_box", size)
@@ -71,7 +76,7 @@ def light_samples(runs: int, quick: bool) -> list[Row]:
 
 
 def camera_connections(runs: int, quick: bool) -> list[Row]:
-    """CPU time of the strategies t = 1 over that of all, without caustics."""
+    """Measure the fraction of CPU time that connections to the camera need."""
     size, spp = (32, 16) if quick else (64, 64)
     scene = _scene("cornell_box", size)
     functions = {
@@ -85,21 +90,25 @@ def camera_connections(runs: int, quick: bool) -> list[Row]:
 
 
 def _scene(name: str, size: int) -> mi.Scene:
+    """Load a built-in scene."""
     return tofrender.load_scene(name, width=size, height=size)
 
 
 def _tracer(kind: str, **more: Any) -> Any:
+    """Load an integrator."""
     return mi.load_dict({"type": f"tofrender_{kind}", "max_depth": DEPTH, **more})
 
 
 def _render(scene: mi.Scene, tracer: Any, spp: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Render the steady picture and the bins."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Light outside of the window counts in the picture alone
+        warnings.simplefilter("ignore")  # Light outside of the window is only in the picture
         found = tofrender.render(scene, integrator=tracer, spp=spp, seed=seed, progress=False)
     return found["steady"].values, found["transient"].values
 
 
 def _mean(scene: mi.Scene, tracer: Any, spp: int, seeds: range) -> list[np.ndarray]:
+    """Return the mean picture and the mean bins over seeds."""
     total = [np.zeros(1), np.zeros(1)]
     for seed in seeds:
         found = _render(scene, tracer, spp, seed)
@@ -108,7 +117,11 @@ def _mean(scene: mi.Scene, tracer: Any, spp: int, seeds: range) -> list[np.ndarr
 
 
 def plain_pixels(scene: mi.Scene, lamps_alone: bool = False) -> np.ndarray:
-    """Pixels that, with their neighbours, show no lamp, and unless `lamps_alone` nothing smooth."""
+    """Return a mask of pixels without lamps, mirrors and glass in their neighborhood.
+
+    With `lamps_alone`, only lamps are excluded.
+    """
+    # Trace 8 x 8 rays per pixel
     sensor = scene.sensors()[0]
     width, height = (int(n) for n in sensor.film().size())
     n = 8
@@ -117,17 +130,21 @@ def plain_pixels(scene: mi.Scene, lamps_alone: bool = False) -> np.ndarray:
     place = mi.Point2f(*(mi.Float(a.astype(np.float32)) for a in across))
     ray, _ = sensor.sample_ray(0, 0.5, place, mi.Point2f(0.5))
     si = scene.ray_intersect(ray)
+
+    # Which rays hit neither a lamp nor a mirror or glass?
     usual = ~si.shape.is_emitter()
     if not lamps_alone:
         usual &= mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
     odd = ~np.array(usual, dtype=bool).reshape(height, n, width, n).all(axis=(1, 3))
+
+    # Exclude the neighbors, too
     around = np.pad(odd, 1)
     near = [around[i : i + height, j : j + width] for i in range(3) for j in range(3)]
     return ~np.any(near, axis=0)
 
 
 def _figures(scene, truth, masks, spp: int, runs: int) -> dict[str, dict[str, float]]:
-    """Error times CPU time of each tracer, by what it is of."""
+    """Return error times CPU time of each tracer, for pictures and bins in each mask."""
     errors: dict[str, list[dict[str, float]]] = {tracer: [] for tracer in TRACERS}
 
     def draw(kind: str) -> None:

@@ -1,4 +1,4 @@
-"""The case `motion`: heterodyne light beside naive sampling of the exposure; cost of rates."""
+"""The case `motion`: heterodyne light compared with a naive method, and the cost of range rates."""
 
 from __future__ import annotations
 
@@ -12,20 +12,23 @@ import tofrender
 
 from .timing import Row, in_turn
 
-FREQUENCY_HZ, EXPOSURE_S, TIMES = 30e6, 1.5e-3, 16
+FREQUENCY_HZ = 30e6
+EXPOSURE_S = 1.5e-3
+TIMES = 16  # Number of poses of the naive method
 MOTIONS = {"small-box": tofrender.Motion(velocity=(5.0, 0.0, 10.0))}
 
 
 def box(size: int, moves: bool) -> mi.Scene:
-    """Cornell box whose small box moves, or is at rest."""
+    """Load a Cornell box with a small box that moves or is at rest."""
     described = tofrender.cornell_box(width=size, height=size, temporal_bins=64)
     scene = tofrender.load_scene(described, optimize=False)
     return tofrender.moving(scene, MOTIONS) if moves else scene
 
 
 def naive(scene: mi.Scene, spp: int, seed: int) -> np.ndarray:
-    """Heterodyne light at random times of the exposure, by samples of their own."""
-    total, sensor = 0.0, scene.sensors()[0]
+    """Render heterodyne light at random times of the exposure, with independent samples."""
+    total = 0.0
+    sensor = scene.sensors()[0]
     for k, t in enumerate(np.random.default_rng(seed).random(TIMES)):
         with tofrender.posed(scene, t * EXPOSURE_S):
             i, q, *_ = tofrender.render_amcw_phasor(
@@ -36,7 +39,7 @@ def naive(scene: mi.Scene, spp: int, seed: int) -> np.ndarray:
 
 
 def ours(scene: mi.Scene, spp: int, seed: int) -> np.ndarray:
-    """Heterodyne light by `doppler`, with half of the samples in each pose."""
+    """Render heterodyne light by `doppler`, with half of the samples in each pose."""
     found = tofrender.doppler(
         scene,
         frequency_hz=FREQUENCY_HZ,
@@ -49,7 +52,7 @@ def ours(scene: mi.Scene, spp: int, seed: int) -> np.ndarray:
 
 
 def variance_by_time(function: Callable[[int], np.ndarray], runs: int) -> float:
-    """Mean variance of a picture over seeds, times the processor time of one."""
+    """Return the mean variance of a picture over seeds, times the CPU time of one picture [s]."""
     function(0)
     start = time.process_time()
     pictures = [function(seed) for seed in range(1, runs + 1)]
@@ -58,14 +61,18 @@ def variance_by_time(function: Callable[[int], np.ndarray], runs: int) -> float:
 
 
 def motion(runs: int, quick: bool) -> list[Row]:
-    """Variance times processor time over `doppler`'s; time of rates over that at rest."""
+    """Compare the naive method with `doppler`, and a moving scene with a scene at rest."""
+    # Measure variance times CPU time
     size, spp = (16, 32) if quick else (64, 256)
-    moves, rest = box(size, True), box(size, False)
+    moves = box(size, True)
+    rest = box(size, False)
     seeds = max(runs, 4)
     by_naive, by_poses = (
         variance_by_time(lambda seed, each=each: each(moves, spp, seed), seeds)
         for each in (naive, ours)
     )
+
+    # Measure the cost of range rates
     settings = {"spp": spp, "rates": (-60.0, 60.0), "rate_bins": 5, "progress": False}
     settings |= {"window": (3.5, 60.0)}
     times = in_turn(

@@ -1,4 +1,4 @@
-"""Captures of a hidden letter, against mitransient's at equal time."""
+"""The case `nlos`: captures of a hidden letter, compared with mitransient at equal time."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ import tofrender
 from .timing import Row, noise
 
 STROKES = (((0.0, 0.35), (0.8, 0.1)), ((0.0, -0.35), (0.8, 0.1)), ((0.0, 0.0), (0.1, 0.6)))
-"""Centres and sizes of the letter's strokes [m]; it stands 1 m in front of the wall."""
+"""Centers and sizes of the strokes of the letter [m], which is 1 m in front of the wall."""
 
 
 def letter(prefix: str, size: int, mode: int, **integrator: Any) -> dict[str, Any]:
-    """The scene, with plugins of ours (`prefix` "tofrender_") or of whoever has their names."""
+    """Describe the scene, with plugins of tofrender (`prefix` "tofrender_") or of mitransient."""
+    # Describe the parts of the capture
     place = mi.ScalarTransform4f()
     white = {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.8}}
     film = {
@@ -32,6 +33,8 @@ def letter(prefix: str, size: int, mode: int, **integrator: Any) -> dict[str, An
     device = [-0.5, 0.0, 0.25]
     sampler = {"type": "tofrender_padded_sobol" if prefix else "independent"}
     meter = {"type": f"{prefix}nlos_capture_meter", "sensor_origin": device}
+
+    # Describe the laser, the relay wall and the integrator
     scene: dict[str, Any] = {
         "type": "scene",
         "integrator": {
@@ -55,6 +58,8 @@ def letter(prefix: str, size: int, mode: int, **integrator: Any) -> dict[str, An
             "to_world": place.look_at(device, [0, 0, 0], [0, 1, 0]),
         },
     }
+
+    # Add the strokes
     for k, ((x, y), (width, height)) in enumerate(STROKES):
         pose = place.translate([x, y, 1]).rotate([0, 1, 0], 180).scale([width / 2, height / 2, 1])
         scene[f"stroke{k}"] = {"type": "rectangle", "to_world": pose, "bsdf": white}
@@ -62,7 +67,7 @@ def letter(prefix: str, size: int, mode: int, **integrator: Any) -> dict[str, An
 
 
 def nlos(runs: int, quick: bool) -> list[Row]:
-    """Variance x time of mitransient's captures over ours: three bounces, and all of them."""
+    """Compare variance times CPU time with mitransient, for three bounces and for all bounces."""
     try:
         import mitransient  # noqa: F401
     except ImportError:
@@ -74,7 +79,7 @@ def nlos(runs: int, quick: bool) -> list[Row]:
 
     rows: list[Row] = []
     for mode, name in ((1, "single"), (2, "confocal")):
-        # mitransient cannot count three bounces alone here (its filter is off by one)
+        # mitransient renders all bounces, because its filter of bounces is off by one
         peer = mi.load_dict(letter("", size, mode), optimize=False)
         for bounces, target in ((3, 10.0), (-1, 2.0)):
             described = letter("tofrender_", size, mode, filter_bounces=bounces)

@@ -1,4 +1,4 @@
-"""The case `photons`: histograms and photon lists of a SPAD, beside a loop over photons."""
+"""The case `photons`: histograms and photon lists of a SPAD, compared with a loop over photons."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from tofrender.sensors import Response, Spad
 
 from .timing import Row, in_turn
 
-WIDTH = 0.02
+WIDTH = 0.02  # Width of a time bin [m]
 
 
 def naive(rates: np.ndarray, cycles: int, dead: int, seed: int) -> np.ndarray:
-    """Histogram (bin,) of a free-running detector, photon by photon."""
+    """Simulate the histogram (bin,) of a free-running detector photon by photon."""
     rng = np.random.default_rng(seed)
-    bins, armed = rates.size, 0
+    bins = rates.size
+    armed = 0
     counts = np.zeros(bins, np.int64)
     for cycle in range(cycles):
         for k in np.repeat(np.arange(bins), rng.poisson(rates)):
@@ -27,7 +28,7 @@ def naive(rates: np.ndarray, cycles: int, dead: int, seed: int) -> np.ndarray:
 
 
 def film(size: int, bins: int) -> np.ndarray:
-    """Rates of a return of a fifth of a photon over a background of as much."""
+    """Return rates with a background of 0.2 photons and a return of 0.2 photons per cycle."""
     rates = np.full((size, size, bins), 0.2 / bins, np.float32)
     first = bins // 3
     rates[:, :, first : first + 10] += 0.02
@@ -35,12 +36,17 @@ def film(size: int, bins: int) -> np.ndarray:
 
 
 def photons(runs: int, quick: bool) -> list[Row]:
-    """Seconds of a histogram of 1e5 cycles; photons a second of lists; over the plain loop."""
+    """Measure the time of a histogram with 1e5 cycles, and photons per second of photon lists."""
+    # Prepare rates and sensors
     size, side = (32, 16) if quick else (256, 64)
-    rates, cycles, few = film(size, 1000), 100_000, 200 if quick else 6000
+    rates = film(size, 1000)
+    cycles = 100_000
+    few = 200 if quick else 6000
     part = rates[:side, :side]
     total = float(part.sum()) * few
     chain = Spad(mode="free_running", dead_time_s=20e-9, jitter=Response(50e-12, 80e-12))
+
+    # Measure the times
     functions = {
         "histogram": lambda: Spad().histogram(rates, cycles, bin_width_opl=WIDTH),
         "list": lambda: Spad(mode="multi_hit").photons(part, few, bin_width_opl=WIDTH),
@@ -52,6 +58,8 @@ def photons(runs: int, quick: bool) -> list[Row]:
         {name: float(np.median(getattr(each, kind))) for name, each in times.items()}
         for kind in ("wall", "cpu")
     )
+
+    # Compute memory, and photons per second
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     what = f"{size}x{size} x 1000 bins, 1e5 cycles"
     plain = float(rates[0, 0].sum()) * 2000 / cpu["naive"]

@@ -1,4 +1,4 @@
-"""Polarised light: time over that of Mitsuba's own polarised `path`."""
+"""The case `polarised`: time of polarized light, relative to Mitsuba's polarized `path`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KINDS = ("mono", "spectral")
 
 
 def polarised(runs: int, quick: bool) -> list[Row]:
-    """The Cornell box, and with metals and glass in it, at equal samples and rays."""
+    """Render the Cornell box without and with metals and glass, at equal samples and rays."""
     size, spp = (32, 16) if quick else (128, 64)
     rows: list[Row] = []
     for kind in KINDS:
@@ -33,6 +33,7 @@ def polarised(runs: int, quick: bool) -> list[Row]:
 def _functions(
     size: int, spp: int, change: Callable[[dict[str, Any]], dict[str, Any]]
 ) -> dict[str, Callable[[], object]]:
+    """Return functions that render the same scene with both integrators."""
     steady = tofrender.cornell_box_steady_state(width=size, height=size, spp=spp)
     steady["integrator"] = {"type": "path", **DEPTH}
     steady["sensor"]["sampler"] = {"type": "independent", "sample_count": spp}
@@ -45,7 +46,7 @@ def _functions(
 
 
 def _with_metals(scene: dict[str, Any]) -> dict[str, Any]:
-    """Boxes of metal, a ball of glass."""
+    """Change the boxes to metal, and add a ball of glass."""
     metal = {"type": "roughconductor", "alpha": 0.2, "eta": 0.2, "k": 3.9}
     for name in ("small-box", "large-box"):
         scene[name]["bsdf"] = metal
@@ -55,6 +56,7 @@ def _with_metals(scene: dict[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def _in_variant(name: str) -> Iterator[None]:
+    """Use a variant of Mitsuba inside a `with` block."""
     before = str(mi.variant())
     backend.activate(name)
     try:

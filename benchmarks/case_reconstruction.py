@@ -1,4 +1,4 @@
-"""The case `reconstruction`: times of our methods, and of y-tal's where it is installed."""
+"""The case `reconstruction`: times of our methods, and of y-tal if it is installed."""
 
 from __future__ import annotations
 
@@ -22,11 +22,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 VOXELS = {False: (32, 32, 16), True: (8, 8, 4)}
-X, Y, Z = (-1.0, 1.0), (-1.0, 1.0), (0.5, 1.5)
+X = (-1.0, 1.0)
+Y = (-1.0, 1.0)
+Z = (0.5, 1.5)
 
 
 def _capture(size: int, bins: int) -> xr.Dataset:
-    """Noise, from a wall of 2 m: the methods take as long for it as for a scene."""
+    """Make a capture of noise on a wall of 2 m. The time does not depend on the content."""
     at = ((np.arange(size) + 0.5) / size - 0.5) * 2
     x, y = np.meshgrid(at, at)
     wall = np.stack([x, y, 0 * x], axis=-1)
@@ -41,11 +43,12 @@ def _capture(size: int, bins: int) -> xr.Dataset:
 
 
 def _ours(capture: xr.Dataset, method: str, **options: Any) -> Callable[[], object]:
+    """Return a function that reconstructs a capture."""
     return partial(reconstruct, capture, method, progress=False, **options)
 
 
 def _theirs(capture: xr.Dataset, voxels: tuple[int, int, int]) -> dict[str, float]:
-    """Seconds of y-tal's backprojection and f-k migration, {} where it is not installed."""
+    """Measure y-tal's backprojection and f-k migration [s]; {} if y-tal is not installed."""
     try:
         import tal
         from tal.reconstruct import bp, fk
@@ -53,6 +56,8 @@ def _theirs(capture: xr.Dataset, voxels: tuple[int, int, int]) -> dict[str, floa
         return {}
     with tempfile.TemporaryDirectory() as folder:
         data = tal.io.read_capture(str(save_capture(capture, Path(folder) / "noise.h5")))
+
+    # Reconstruct at the same points
     axes = [
         low + (np.arange(count) + 0.5) * (high - low) / count
         for (low, high), count in zip((X, Y, Z), voxels, strict=True)
@@ -83,11 +88,15 @@ print(int(lines["VmHWM"].split()[0]) / 2**10)
 
 
 def reconstruction(runs: int, quick: bool) -> list[Row]:
-    """Seconds of backprojection, light-cone transform and f-k migration, and y-tal's over ours."""
+    """Measure the times of all methods, and compare them with y-tal."""
+    # Prepare captures
     size, bins, long = (16, 60, 64) if quick else (64, 300, 512)
     voxels = VOXELS[quick]
     axes = tuple((*edges, count) for edges, count in zip((X, Y, Z), voxels, strict=True))
-    short, full = _capture(size, bins), _capture(size, long)
+    short = _capture(size, bins)
+    full = _capture(size, long)
+
+    # Measure the times
     functions = {
         "bp": _ours(short, "bp", volume=axes),
         "lct": _ours(full, "lct"),
@@ -104,11 +113,15 @@ def reconstruction(runs: int, quick: bool) -> list[Row]:
         (f"fk, {size}x{size} x {long} [s]", times["fk"], target[1]),
         (f"phasor, {size}x{size} x {bins} into {many} [s]", times["phasor"], None),
     ]
+
+    # Compare with y-tal
     theirs = _theirs(short, voxels)
     if theirs:
         what = f"{size}x{size} x {bins}: y-tal's time over ours"
         rows.append((f"bp, {what}", theirs["bp"] / times["bp"], 20.0))
         rows.append((f"fk, {what}", theirs["fk"] / times["fk short"], 5.0))
+
+    # Measure the memory in a separate process
     if Path("/proc/self/status").exists():
         command = [sys.executable, "-c", _MEMORY, str(size), str(bins), str(size)]
         peak = float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)

@@ -1,4 +1,4 @@
-"""The case `warps`: time of our warps over that of Mitsuba's, and of a chi-square test."""
+"""The case `warps`: time of our warps relative to Mitsuba's, and time of a chi-square test."""
 
 from __future__ import annotations
 
@@ -24,16 +24,19 @@ NAMES = (
 
 
 def _warp(warp: Callable, *numbers: object) -> None:
+    """Warp numbers, and evaluate the result."""
     dr.eval(warp(*numbers))
 
 
 def _both(times: dict[str, Times], name: str) -> Times:
-    first, second = times[name], times[f"{name} again"]
+    """Add the times of both calls of a function."""
+    first = times[name]
+    second = times[f"{name} again"]
     return Times(first.wall + second.wall, first.cpu + second.cpu)
 
 
 def warps(runs: int, quick: bool) -> list[Row]:
-    """Time of ten million samples over the time that Mitsuba's own warp takes for them."""
+    """Compare the time of ten million samples with Mitsuba's warp of the same name."""
     count = 100_000 if quick else 10_000_000
     sample = independent(count)
     dr.eval(sample)
@@ -44,11 +47,14 @@ def warps(runs: int, quick: bool) -> list[Row]:
         theirs = getattr(mi.warp, f"square_to_{name}")
         ours = partial(_warp, case.sample, sample)
         mitsubas = partial(_warp, theirs, sample, *parameter.values())
-        # Dr.Jit hands out two sets of buffers in turn, one of which can be twice as fast.
+
+        # Dr.Jit alternates between two sets of buffers, and one set can be twice as fast
         functions = {"A": ours, "B": mitsubas, "B again": mitsubas, "A again": ours}
         times = in_turn(functions, 5 * runs)
         what = f"{name}, {count:.0e} samples, over mi.warp"
         rows += _both(times, "A").rows(_both(times, "B"), what, 1.5, 1.5)
+
+    # Measure a chi-square test
     samples = 20_000 if quick else 1_000_000
     case = warp_case("beckmann", alpha=ALPHA)
     times = in_turn({"test": partial(case.test, samples=samples)}, runs)

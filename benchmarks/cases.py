@@ -1,4 +1,4 @@
-"""What is measured. Each case returns its rows as (name, value, target)."""
+"""Cases of `python -m benchmarks`. Each case returns rows of name, value and target."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from .timing import Row, in_turn, noise, trace
 
 
 def _transient(size: int, bins: int, spp: int, **integrator: Any) -> mi.Scene:
-    """Our Cornell box with `bins` bins, with our plugins whatever else was imported."""
+    """Load the Cornell box of tofrender with its own plugins."""
     scene = tofrender.cornell_box(width=size, height=size, temporal_bins=bins, spp=spp)
     scene["integrator"] |= integrator
     return tofrender.load_scene(scene)
 
 
 def _peer(size: int, bins: int) -> mi.Scene | None:
-    """mitransient's own Cornell box, None where it is not installed."""
+    """Load the Cornell box of mitransient; None if mitransient is not installed."""
     try:
         import mitransient
     except ImportError:
@@ -47,13 +47,14 @@ def _peer(size: int, bins: int) -> mi.Scene | None:
 
 
 def _path(size: int, spp: int) -> mi.Scene:
+    """Load the steady Cornell box for Mitsuba's `path`."""
     scene = tofrender.cornell_box_steady_state(width=size, height=size, spp=spp)
     scene["sensor"]["sampler"] = {"type": "independent", "sample_count": spp}
     return mi.load_dict(scene)
 
 
 def speed(runs: int, quick: bool) -> list[Row]:
-    """Time of the transient render over that of Mitsuba's `path`, at equal samples and rays."""
+    """Compare the time of the transient render with Mitsuba's `path`, at equal samples and rays."""
     size, spp = (64, 16) if quick else (256, 64)
     functions = {"path": trace(_path(size, spp), spp)}
     functions["tofrender"] = trace(_transient(size, 300, spp, light_samples=1), spp)
@@ -70,7 +71,7 @@ def speed(runs: int, quick: bool) -> list[Row]:
 
 
 def bins(runs: int, quick: bool) -> list[Row]:
-    """Time over that of `path` with few and many bins."""
+    """Compare the time with `path`, with few and many bins."""
     size, spp = (32, 16) if quick else (64, 256)
     counts = (30, 300, 3000)
     functions = {"path": trace(_path(size, spp), spp)}
@@ -80,18 +81,22 @@ def bins(runs: int, quick: bool) -> list[Row]:
     for n in counts:
         what = f"{size}x{size} x {n} bins, {spp} spp, over path"
         rows += times[str(n)].rows(times["path"], what)
+
+    # How much do many bins cost?
     flat = [times[str(n)].cpu / times[str(counts[0])].cpu for n in counts]
     worst = max(float(np.median(ratio)) for ratio in flat)
     return [*rows, (f"slowest over {counts[0]} bins: cpu", worst, 1.2)]
 
 
 def error(runs: int, quick: bool) -> list[Row]:
-    """Variance times time of the cube: mitransient's defaults over `render`'s."""
+    """Compare variance times time of all bins between mitransient and `render`, with defaults."""
     size, spp, seeds = (16, 16, 4) if quick else (64, 256, 8)
     ours = _transient(size, 300, spp)
     peer = _peer(size, 300)
     if peer is None:
         return []
+
+    # Collect the bins of all seeds
     cubes: dict[str, list[np.ndarray]] = {"tofrender": [], "mitransient": []}
     counter = iter(range(1, 1 << 20))
 
@@ -106,6 +111,8 @@ def error(runs: int, quick: bool) -> list[Row]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         times = in_turn({"tofrender": draw_ours, "mitransient": draw_peer}, max(runs, seeds))
+
+    # Compare the variances
     variance = {
         name: float(np.var(stack[1:], axis=0, ddof=1).mean()) for name, stack in cubes.items()
     }
@@ -134,7 +141,7 @@ print(peak / 2**20, dataset["transient"].nbytes / 2**20)
 
 
 def memory(runs: int, quick: bool) -> list[Row]:
-    """Peak memory of a process that renders, less twice the result [MiB]."""
+    """Measure the peak memory of a process that renders, minus twice the result [MiB]."""
     rows: list[Row] = []
     for size, bins_, spp in [(64, 300, 4)] if quick else [(256, 300, 64), (128, 3000, 64)]:
         command = [sys.executable, "-c", _MEMORY, str(size), str(bins_), str(spp)]
@@ -154,7 +161,7 @@ print(time.perf_counter() - start)
 
 
 def importing(runs: int, quick: bool) -> list[Row]:
-    """Time of `import tofrender` beyond that of Mitsuba with the same variant [s]."""
+    """Measure the time of `import tofrender` minus the import of Mitsuba [s]."""
     mitsuba = f"import mitsuba; mitsuba.set_variant({mi.variant()!r})"
     statements = (mitsuba, "import tofrender")
     seconds: list[list[float]] = [[], []]
@@ -168,7 +175,7 @@ def importing(runs: int, quick: bool) -> list[Row]:
 
 
 def phasors(runs: int, quick: bool) -> list[Row]:
-    """Time of eight frequencies, I and Q, over that of the steady `path`."""
+    """Compare the time of phasors at eight frequencies with the steady `path`."""
     size, spp = (64, 16) if quick else (256, 64)
     scene = _transient(size, 1, spp)
     frequencies = [10e6 * k for k in range(1, 9)]
@@ -182,7 +189,7 @@ def phasors(runs: int, quick: bool) -> list[Row]:
 
 
 def _plain_gate(size: int, spp: int, opl: float) -> Callable[[int], np.ndarray]:
-    """One gate as the course text renders it: the pulse, evaluated on a path tracer's paths."""
+    """Return a function that renders a gate as in the course: a pulse, evaluated on plain paths."""
     described = tofrender.cornell_box(width=size, height=size, temporal_bins=1, spp=spp)
     described["integrator"]["type"] = "tofrender_time_gated_transient_path"
     described["sensor"]["sampler"]["type"] = "independent"
@@ -193,9 +200,9 @@ def _plain_gate(size: int, spp: int, opl: float) -> Callable[[int], np.ndarray]:
 
 
 def gates(runs: int, quick: bool) -> list[Row]:
-    """300 gates: variance times time of one trace a gate, as the course text does it, over ours.
+    """Compare 300 gates of one trace with one trace per gate, by variance times time.
 
-    The loop's time is that of one of its traces times 300.
+    The time of the loop over gates is 300 times the time of one of its traces.
     """
     size, spp = (32, 16) if quick else (256, 64)
     scene = _transient(size, 1, spp)
@@ -207,6 +214,7 @@ def gates(runs: int, quick: bool) -> list[Row]:
     def one_trace(seed: int) -> np.ndarray:
         return tofrender.render_transient(scene, integrator, sensor, window, spp, seed)[:, :, k]
 
+    # Measure one gate of the loop
     functions = {"one trace": one_trace, "loop": _plain_gate(size, spp, 5.91)}
     variance, times = noise(functions, runs)
     gain = 300 * variance["loop"] / variance["one trace"]
@@ -217,7 +225,7 @@ def gates(runs: int, quick: bool) -> list[Row]:
 
 
 def one_gate(runs: int, quick: bool) -> list[Row]:
-    """A single gate: variance times time of plain evaluation over that of `render_at_time`."""
+    """Compare a single gate of `render_at_time` with plain evaluation, by variance times time."""
     size, spp = (32, 16) if quick else (256, 64)
     scene = _transient(size, 1, spp)
     sensor = scene.sensors()[0]
@@ -233,7 +241,7 @@ def one_gate(runs: int, quick: bool) -> list[Row]:
 
 
 def path_tracers(runs: int, quick: bool) -> list[Row]:
-    """Time of the course's path tracers over that of Mitsuba's `path`, at equal samples."""
+    """Compare the time of the path tracers of the course with `path`, at equal samples."""
     size, spp = ((32, 24), 16) if quick else ((256, 192), 64)
     names = {
         "path": ("path", {}),

@@ -1,7 +1,8 @@
-"""`make bench-full`: error at equal time against peers, scene by scene, and where it comes from.
+"""`make bench-full`: error at equal time, scene by scene, compared with other renderers.
 
-Measures, draws and writes `docs/performance.md`, its figure, and the table of the README, all from
-`benchmarks/results.json`; `python -m benchmarks.full --write` does the last part alone.
+The measurements are stored in `benchmarks/results.json`. From this file, `docs/performance.md`, its
+figure and the table of the README are written. `python -m benchmarks.full --write` only writes
+these pages.
 """
 
 from __future__ import annotations
@@ -39,13 +40,15 @@ CAUSTICS = ("glass sphere", "mirror")
 
 
 def measured(draws: Mapping[str, peers.Draw], seeds: int) -> dict[str, Any]:
-    """Renders with several seeds in turn: variance and mean of each voxel, and CPU times."""
+    """Render with several seeds, and return variance and mean of each bin, and CPU times."""
     stacks: dict[str, list[np.ndarray]] = {name: [] for name in draws}
 
     def draw(name: str) -> None:
         stacks[name].append(draws[name](len(stacks[name])))
 
     times = in_turn({name: partial(draw, name) for name in draws}, seeds)
+
+    # The first render of each stack compiles
     found = {}
     for name, stack in stacks.items():
         cubes = np.stack(stack[1:]).astype(np.float64)
@@ -56,8 +59,10 @@ def measured(draws: Mapping[str, peers.Draw], seeds: int) -> dict[str, Any]:
 
 
 def figures(found: Mapping[str, Any], plain: np.ndarray) -> dict[str, float]:
-    """Variance times CPU time: of the cube, without pixels that see a lamp, relative per bin."""
-    variance, mean, seconds = found["variance"], found["mean"], found["seconds"]
+    """Compute variance times CPU time: all bins, without lamps, and relative to each bin."""
+    variance = found["variance"]
+    mean = found["mean"]
+    seconds = found["seconds"]
     light = (mean[plain] ** 2).sum(axis=(0, 2))
     bins = light > 1e-4 * light.max()  # 1 % of the brightest bin's light
     relative = variance[plain].sum(axis=(0, 2))[bins] / light[bins]
@@ -70,9 +75,10 @@ def figures(found: Mapping[str, Any], plain: np.ndarray) -> dict[str, float]:
 
 
 def table(seeds: int) -> dict[str, Any]:
-    """Each scene: ours, ours with one light point, mitransient, over ours."""
+    """Measure tofrender and mitransient in each scene."""
     rows = {}
     for name, scene in SCENES.items():
+        # Choose the renderers
         described = scene()
         draws = {
             "ours": peers.bins(peers.ours(described), SPP),
@@ -82,6 +88,8 @@ def table(seeds: int) -> dict[str, Any]:
         if name in CAUSTICS:
             off = {"caustic_photons": False, "caustic_rays": False, "chain_rays": False}
             draws["without techniques"] = peers.bins(peers.ours(described, **off), SPP)
+
+        # Measure them, with and without pixels that show a lamp
         found = measured(draws, seeds)
         plain = plain_pixels(tofrender.load_scene(described), lamps_alone=True)
         rows[name] = {who: figures(found[who], plain) for who in draws}
@@ -91,7 +99,7 @@ def table(seeds: int) -> dict[str, Any]:
 
 
 def filtered(seeds: int) -> dict[str, Any]:
-    """Each scene: what `denoise` gains."""
+    """Measure the gain of `denoise` in each scene."""
     rows = {}
     with TemporaryDirectory() as cache:
         for name in SCENES:
@@ -101,13 +109,15 @@ def filtered(seeds: int) -> dict[str, Any]:
 
 
 def samplers(seeds: int) -> dict[str, Any]:
-    """Mitsuba's samplers under mitransient on the Cornell box: bias of energy, and error."""
+    """Measure mitransient with each of Mitsuba's samplers: bias of energy, and error."""
     described = box()
     draws = {"ours": peers.bins(peers.ours(described), SPP)}
     for name in peers.SAMPLERS:
         draws[name] = peers.bins(peers.mitransient(described, name), SPP)
     found = measured(draws, seeds)
     plain = plain_pixels(tofrender.load_scene(described), lamps_alone=True)
+
+    # Compare energies
     truth = found["ours"]["energies"]
     rows = {}
     for name in draws:
@@ -123,7 +133,7 @@ def samplers(seeds: int) -> dict[str, Any]:
 
 
 def captures(seeds: int) -> dict[str, Any]:
-    """A hidden letter by a relay wall, all bounces."""
+    """Measure captures of a hidden letter, with all bounces."""
     rows = {}
     for mode, name in ((1, "single"), (2, "confocal")):
         own = tofrender.load_scene(letter("tofrender_", SIZE, mode), optimize=False)
@@ -137,7 +147,7 @@ def captures(seeds: int) -> dict[str, Any]:
 
 
 def times(runs: int) -> dict[str, Any]:
-    """CPU time over that of Mitsuba's `path`, at equal samples: over size, bins and samples."""
+    """Measure CPU time relative to `path`, for several sizes, bins and samples."""
 
     def ratios(described: Described, spp: int) -> dict[str, float]:
         scenes = {
@@ -149,6 +159,7 @@ def times(runs: int) -> dict[str, Any]:
         found = in_turn({name: trace(scene, spp) for name, scene in scenes.items()}, runs)
         return {name: found[name].ratio(found["path"])[1] for name in scenes}
 
+    # Vary one quantity at a time
     rows: dict[str, Any] = {"size": {}, "bins": {}, "spp": {}}
     for size in (32, 64, 128, 256):
         rows["size"][size] = ratios(box(width=size, height=size), 64)
@@ -157,6 +168,8 @@ def times(runs: int) -> dict[str, Any]:
         rows["bins"][bins] = ratios(box(**more), 64)
     for spp in (16, 64, 256, 1024):
         rows["spp"][spp] = ratios(box(), spp)
+
+    # Crop the film to the lower half, without the lamp
     lower = box(width=256, height=512)
     lower["sensor"]["film"] |= {"crop_offset_y": 256, "crop_width": 256, "crop_height": 256}
     rows["no lamp in view"] = ratios(lower, 64)
@@ -165,19 +178,19 @@ def times(runs: int) -> dict[str, Any]:
 
 
 def kernels() -> dict[str, list[int]]:
-    """Operations of each scene's large kernels, by which code and figures are compared."""
+    """Count the operations of the large kernels of each scene, which show if figures are stale."""
     return {name: operations(peers.ours(scene())) for name, scene in SCENES.items()}
 
 
 def commit() -> str:
-    """Short hash of the commit that is measured, with + if files have changed since."""
+    """Return the short hash of the present commit, with + if files have changed."""
     git = partial(subprocess.run, cwd=RESULTS.parent, check=True, capture_output=True, text=True)
     changed = git(["git", "status", "--porcelain", "--untracked-files=no"]).stdout
     return git(["git", "rev-parse", "--short=10", "HEAD"]).stdout.strip() + "+" * bool(changed)
 
 
 def machine() -> dict[str, Any]:
-    """What was measured where, with which versions."""
+    """Describe the machine and the versions."""
     from importlib.metadata import version
 
     processor = platform.processor() or platform.machine()
@@ -197,7 +210,8 @@ def machine() -> dict[str, Any]:
 
 
 def main() -> None:
-    """The command line."""
+    """Run the command."""
+    # Read the options
     parser = argparse.ArgumentParser(prog="python -m benchmarks.full", description=__doc__)
     parser.add_argument("--write", action="store_true", help="write the pages from results.json")
     parser.add_argument("--check", action="store_true", help="fail if the figures are stale")
@@ -207,6 +221,8 @@ def main() -> None:
     if options.seeds < 2:
         parser.exit(2, f"{parser.prog}: error: --seeds = {options.seeds}: must be 2 or more\n")
     warnings.simplefilter("ignore")  # Light outside of the window
+
+    # Print or check operations
     if options.kernels:
         print(json.dumps(kernels()))
         return
@@ -217,6 +233,8 @@ def main() -> None:
                 1, "\n".join([f"{report.PAGE}: is stale; run `make bench-full`", *changed, ""])
             )
         return
+
+    # Measure
     if not options.write and not peers.has("mitransient"):
         parser.exit(1, f"{parser.prog}: error: mitransient is not installed; run `make setup`\n")
     if not options.write:
@@ -230,6 +248,8 @@ def main() -> None:
         results |= {"operations": json.loads(output), "commit": commit()}
         results["minutes"] = (time.perf_counter() - start) / 60
         RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+
+    # Write the pages
     report.write(json.loads(RESULTS.read_text(encoding="utf-8")))
 
 

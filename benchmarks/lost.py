@@ -1,7 +1,8 @@
-"""`make bench-lost`: what it costs that nothing is lost, films beyond memory, and workers.
+"""`make bench-lost`: cost of checkpoints, of films on disk, and of workers.
 
-Each figure comes from processes of its own, run in turn; writes `benchmarks/lost.json` and the
-table of `docs/checkpoints.md`. `python -m benchmarks.lost --write` writes the table alone.
+Each figure is measured in separate processes. The figures are stored in `benchmarks/lost.json`, and
+the table of `docs/checkpoints.md` is written. `python -m benchmarks.lost --write` only writes the
+table.
 """
 
 from __future__ import annotations
@@ -23,34 +24,40 @@ from typing import Any
 RESULTS = Path(__file__).with_name("lost.json")
 LARGE = {"width": 512, "height": 512, "temporal_bins": 2000}
 USUAL = {"width": 256, "height": 256, "temporal_bins": 300}
-LARGE_SPP, USUAL_SPP = 16, 64
-WORKERS_TIMES = 4  # as many samples: else the fixed costs of a render hide what workers gain
-INTERVAL_S, COST = 30.0, 0.02
-BEGIN, MODEL, END = "<!-- made by make bench-lost -->", "<!-- its model -->", "<!-- end -->"
-FILMS, WORKERS, DISK_MB_PER_S = 1_000_000, 1000, 1000
+LARGE_SPP = 16
+USUAL_SPP = 64
+WORKERS_TIMES = 4  # Factor of samples with workers, so that fixed costs of a render are small
+INTERVAL_S = 30.0
+COST = 0.02
+BEGIN = "<!-- made by make bench-lost -->"
+MODEL = "<!-- its model -->"
+END = "<!-- end -->"
+FILMS = 1_000_000
+WORKERS = 1000
+DISK_MB_PER_S = 1000
 
 Found = dict[str, float]
 
 
 def box(size: dict[str, int]) -> dict[str, Any]:
-    """The Cornell box, bins from 3.5 m to 19.5 m."""
+    """Describe the Cornell box with bins from 3.5 m to 19.5 m."""
     import tofrender
 
     return tofrender.cornell_box(**size, start_opl=3.5, bin_width_opl=16 / size["temporal_bins"])
 
 
 def peak_mb() -> float:
-    """Most memory that this process has had [MB]."""
+    """Return the peak memory of this process [MB]."""
     import resource
 
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 * 1.048576
 
 
-# ----------------------------------------------------------- each in a process of its own
+# ------------------------------------------------- cases, each in a separate process
 
 
 def in_memory(size: dict[str, int], spp: int) -> Found:
-    """A render in memory."""
+    """Render in memory."""
     import tofrender
 
     scene = box(size)
@@ -60,10 +67,11 @@ def in_memory(size: dict[str, int], spp: int) -> Found:
 
 
 def on_disk(size: dict[str, int], spp: int) -> Found:
-    """A render that streams to disk."""
+    """Render to disk."""
     import tofrender
 
-    scene, folder = box(size), tempfile.mkdtemp(dir=".")
+    scene = box(size)
+    folder = tempfile.mkdtemp(dir=".")
     try:
         start = time.perf_counter()
         tofrender.render(scene, spp=spp, out=f"{folder}/film.zarr", progress=False)
@@ -73,7 +81,7 @@ def on_disk(size: dict[str, int], spp: int) -> Found:
 
 
 def saving() -> Found:
-    """Saving a checkpoint of a usual film, and the render's own pace."""
+    """Measure the time to save a checkpoint of a usual film."""
     import tofrender
 
     spent: list[float] = []
@@ -94,12 +102,14 @@ def saving() -> Found:
 
 
 def by_workers() -> Found:
-    """Two workers of one thread each, against this process with one thread."""
+    """Compare two workers with this process, all with one thread."""
     import drjit as dr
 
     import tofrender
 
-    scene, window, spp = box(USUAL), (3.5, 19.5), WORKERS_TIMES * USUAL_SPP
+    scene = box(USUAL)
+    window = (3.5, 19.5)
+    spp = WORKERS_TIMES * USUAL_SPP
     alone: list[float] = []
     shared: list[float] = []
     dr.set_thread_count(1)
@@ -109,7 +119,7 @@ def by_workers() -> Found:
                 start = time.perf_counter()
                 tofrender.render(scene, spp=spp, seed=run, window=window, progress=False, **more)
                 times.append(time.perf_counter() - start)
-    ratios = [a / b for a, b in zip(alone[1:], shared[1:], strict=True)]  # The first ones compile
+    ratios = [a / b for a, b in zip(alone[1:], shared[1:], strict=True)]  # The first runs compile
     return {"speed": median(ratios), "alone_s": median(alone[1:]), "shared_s": median(shared[1:])}
 
 
@@ -126,12 +136,12 @@ CASES: dict[str, Callable[[], Found]] = {
 
 
 def film_mb(size: dict[str, int]) -> float:
-    """What the bins of a film take as float32 RGB [MB]."""
+    """Return the size of a film with float32 RGB bins [MB]."""
     return size["width"] * size["height"] * size["temporal_bins"] * 12 / 1e6
 
 
 def table(results: dict[str, Any]) -> str:
-    """The rows of the page."""
+    """Return the table of measurements in Markdown."""
     from .report import digits, rows_of
 
     found = results["found"]
@@ -140,7 +150,7 @@ def table(results: dict[str, Any]) -> str:
         for name in ("usual film in memory", "large film on disk", "large film in memory")
     )
     saved = found["saving"]
-    every_s = max(INTERVAL_S, saved["save_s"] / COST)  # As a Checkpoint has it
+    every_s = max(INTERVAL_S, saved["save_s"] / COST)  # This is the rule of `Checkpoint`
     rows = [
         ["quantity", "target", "measured"],
         [
@@ -176,10 +186,11 @@ def table(results: dict[str, Any]) -> str:
 
 
 def model(results: dict[str, Any]) -> str:
-    """What a million films would take, from one."""
+    """Return a table that extrapolates from one film to a million films."""
     from .report import digits, rows_of
 
-    size, one_s = film_mb(USUAL), results["found"]["workers"]["alone_s"] / WORKERS_TIMES
+    size = film_mb(USUAL)
+    one_s = results["found"]["workers"]["alone_s"] / WORKERS_TIMES
     written_s = size / DISK_MB_PER_S
     rows = [
         ["", "a film of 256 x 256 x 300 RGB", "a million of them"],
@@ -213,7 +224,7 @@ def origin(results: dict[str, Any]) -> str:
 
 
 def with_tables(text: str, results: dict[str, Any]) -> str:
-    """The page with its tables."""
+    """Replace the tables of the page."""
     measured = f"{table(results)}\n\n{origin(results)}"
     for begin, rows in ((BEGIN, measured), (MODEL, model(results))):
         block = f"{begin}\n{rows}\n{END}"
@@ -222,18 +233,21 @@ def with_tables(text: str, results: dict[str, Any]) -> str:
 
 
 def write(results: dict[str, Any]) -> None:
-    """Put the table into the page."""
+    """Write the tables to the page."""
     page = RESULTS.parents[1] / "docs" / "checkpoints.md"
     page.write_text(with_tables(page.read_text(encoding="utf-8"), results), encoding="utf-8")
 
 
 def main() -> None:
-    """The command line."""
+    """Run the command."""
+    # Read the options
     parser = argparse.ArgumentParser(prog="python -m benchmarks.lost", description=__doc__)
     parser.add_argument("--write", action="store_true", help="write the table from lost.json")
     parser.add_argument("--runs", type=int, default=3, help="processes of each (3)")
     parser.add_argument("--one", choices=CASES, help=argparse.SUPPRESS)
     options = parser.parse_args()
+
+    # Run one case in this process
     if options.one:
         warnings.simplefilter("ignore")  # Light outside of the window
         print(json.dumps(CASES[options.one]()))
@@ -241,6 +255,7 @@ def main() -> None:
     if not options.write:
         from .full import commit, machine
 
+        # Run each case in separate processes
         runs: dict[str, list[Found]] = {name: [] for name in CASES}
         for _ in range(options.runs):
             for name in CASES:
@@ -248,6 +263,8 @@ def main() -> None:
                 done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
                 runs[name].append(json.loads(done.stdout.splitlines()[-1]))
                 print(name, runs[name][-1], flush=True)
+
+        # Store the medians
         found = {
             name: {key: median(run[key] for run in its) for key in its[0]}
             for name, its in runs.items()

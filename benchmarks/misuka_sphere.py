@@ -1,7 +1,8 @@
-"""Derivatives of misuka, a renderer of sound, in a sphere: run on its own, beside its closed form.
+"""Derivatives of misuka, a renderer of sound, in a sphere with a closed form.
 
-Its lamps are areas and its receiver hears from all sides, so that none of the table's scenes is
-one of its own. Here a small lamp is in the middle of a diffuse sphere, the receiver off it.
+misuka supports area lights only, and its receiver records sound from all sides. Therefore it cannot
+render the scenes of the table. Here a small lamp is in the center of a diffuse sphere, and the
+receiver is off the center.
 """
 
 from __future__ import annotations
@@ -11,22 +12,31 @@ import json
 import math
 from collections.abc import Callable
 
-LAMP_RADIUS, OFFSET, INTENSITY, LONGEST_PATH = 0.01, 0.3, 2.0, 4
-RADIUS, ALBEDO = 1.2, 0.8
-BINS, BIN_WIDTH = 137, 0.1
+LAMP_RADIUS = 0.01  # Radius of the lamp [m]
+OFFSET = 0.3  # Distance of the receiver from the center [m]
+INTENSITY = 2.0
+LONGEST_PATH = 4  # Number of segments
+RADIUS = 1.2  # Radius of the sphere [m]
+ALBEDO = 0.8
+BINS = 137
+BIN_WIDTH = 0.1  # [m]
 FREQUENCIES = ("250, 500", "1, 2")
-"""Bands [Hz]: usual ones, and those at which all of its derivatives are right."""
+"""Bands [Hz]: usual bands, and bands with correct derivatives only."""
 
 
 def light(radius: float, albedo: float) -> tuple[float, float]:
-    """All light at the receiver, its mean over directions, and that of each path times its length.
+    """Return the light at the receiver (mean over directions), and light times path length.
 
-    A lamp of intensity I in the middle of a sphere of radius R makes its inside I rho^k / (pi R^2)
-    bright after k reflections. The first leg is R, chords between reflections are 4/3 R in the
-    mean, and the last leg is the mean distance of the wall from the receiver.
+    A lamp of intensity I is in the center of a sphere of radius R. After k reflections, the
+    radiance of the wall is I rho^k / (pi R^2). The first segment has the length R. Chords between
+    reflections have the mean length 4/3 R. The last segment is the mean distance from the wall to
+    the receiver.
     """
+    # Mean distance from the wall to the receiver
     leg = (radius**2 - OFFSET**2) / (2 * OFFSET)
     leg = (radius + leg * math.log((radius + OFFSET) / (radius - OFFSET))) / 2
+
+    # Sum over reflections
     bounces = range(1, LONGEST_PATH)
     bright = [INTENSITY * albedo**k / (math.pi * radius**2) for k in bounces]
     lengths = [radius + (k - 1) * 4 / 3 * radius + leg for k in bounces]
@@ -34,7 +44,7 @@ def light(radius: float, albedo: float) -> tuple[float, float]:
 
 
 def closed_form(by: str) -> dict[str, float]:
-    """Derivatives of both by the radius or the albedo."""
+    """Differentiate both results of `light` by the radius or the albedo."""
     step = 1e-5
     moved = [
         light(RADIUS + sign * step * (by == "radius"), ALBEDO + sign * step * (by == "albedo"))
@@ -61,13 +71,15 @@ def main() -> None:
 
 
 def _misuka(frequencies: str, spp: int) -> Callable[[str, str, int], float]:
-    """What gives a derivative in reverse mode by parameter, measure and seed."""
+    """Return a function of parameter, measure and seed that differentiates in reverse mode."""
     import drjit as dr
     import misuka
     import numpy as np
 
     misuka.set_variant("llvm_ad_acoustic")
     misuka.set_log_level(misuka.LogLevel.Error)
+
+    # Describe the scene
     place = misuka.ScalarTransform4f()
     film = {"type": "tape", "frequencies": frequencies, "time_bins": BINS}
     film["rfilter"] = {"type": "gaussian", "stddev": 1.0}
@@ -95,9 +107,11 @@ def _misuka(frequencies: str, spp: int) -> Callable[[str, str, int], float]:
     )
     lengths = (np.arange(BINS) + 0.5) * BIN_WIDTH
 
-    per_unit = math.sqrt(2 * math.pi) - 8 * math.exp(-8)  # Its filter over bins, not normalised
+    # The filter of misuka over bins is not normalized
+    per_unit = math.sqrt(2 * math.pi) - 8 * math.exp(-8)
 
     def measure(name: str, what: str, seed: int) -> float:
+        # Attach the gradient
         parameters = misuka.traverse(scene)
         theta = misuka.Float(RADIUS if name == "radius" else ALBEDO)
         dr.enable_grad(theta)
@@ -106,6 +120,8 @@ def _misuka(frequencies: str, spp: int) -> Callable[[str, str, int], float]:
         else:
             parameters["wall.bsdf.reflectance.value"] = theta
         parameters.update()
+
+        # Differentiate the sum or the moment in time
         image = misuka.render(scene, parameters, spp=spp, seed=seed)
         weights = np.zeros((BINS, math.prod(image.shape) // BINS), np.float32)
         weights[:, 0] = 1 if what == "sum" else lengths
@@ -116,6 +132,7 @@ def _misuka(frequencies: str, spp: int) -> Callable[[str, str, int], float]:
 
 
 def _uniform(value: float) -> dict[str, object]:
+    """Describe a spectrum that is the same at all frequencies."""
     return {"type": "uniform", "value": value}
 
 

@@ -1,4 +1,4 @@
-"""What a step of a render costs, as its kernels tell: figures that no busy machine changes."""
+"""Operations in the kernels of a render. These counts do not depend on the load of the machine."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import mitsuba as mi
 
 import tofrender
 
-LARGE = 300  # Operations of a kernel that traces paths; those that only move numbers have few
-TOLERANCE = 0.02  # Deviation of operations from which on measured times are those of other code
+LARGE = 300  # Smallest number of operations of a kernel that traces paths
+TOLERANCE = 0.02  # Relative change of operations above which measured times are stale
 
 
 def operations(scene: mi.Scene) -> list[int]:
     """Return the operations of each large kernel in a render of one step."""
-    gc.collect()  # Virtual calls have the parts of all living scenes
+    gc.collect()  # Kernels contain the plugins of all scenes in memory
     dr.kernel_history_clear()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
         tofrender.render(scene, spp=1, progress=False)
@@ -26,7 +26,7 @@ def operations(scene: mi.Scene) -> list[int]:
 
 
 def stale(measured: Mapping[str, list[int]], now: Mapping[str, list[int]]) -> list[str]:
-    """Return a line for each scene whose kernels are others than when they were measured."""
+    """Return a line for each scene with kernels that have changed since the measurement."""
     return [
         f"{name}: {now[name]} operations now, {measured.get(name)} when measured"
         for name in now

@@ -1,4 +1,4 @@
-"""The page, the figure and the README's table of `make bench-full`, from its results."""
+"""Write the page, the figure and the table of the README from the results of `make bench-full`."""
 
 from __future__ import annotations
 
@@ -14,12 +14,14 @@ from tofrender.runtime.canvas import new_figure
 from . import denoising
 
 ROOT = Path(__file__).parents[1]
-README, PAGE = ROOT / "README.md", ROOT / "docs" / "performance.md"
+README = ROOT / "README.md"
+PAGE = ROOT / "docs" / "performance.md"
 GPU = ROOT / "benchmarks" / "gpu.json"
 """Results of `python -m benchmarks.gpu --out benchmarks/gpu.json` on a GPU."""
 
 FIGURE = ROOT / "docs" / "pictures" / "performance.png"
-BEGIN, END = "<!-- made by make bench-full -->", "<!-- end -->"
+BEGIN = "<!-- made by make bench-full -->"
+END = "<!-- end -->"
 WIDTH = 112
 PEER = "mitransient"
 MEASURES = ("cube", "without lamps", "relative per bin")
@@ -28,24 +30,24 @@ Results = Mapping[str, Any]
 
 
 def digits(value: float) -> str:
-    """Two digits, as many as the figures are sure of."""
+    """Format a number with two digits, the precision of the measurements."""
     return f"{float(f'{value:.2g}'):g}"
 
 
 def over_ours(row: Mapping[str, Any], who: str, measure: str) -> str:
-    """A peer's figure over ours."""
+    """Return the figure of another renderer divided by ours."""
     return digits(row[who][measure] / row["ours"][measure]) if who in row else "-"
 
 
 def rows_of(cells: list[list[str]]) -> str:
-    """A Markdown table, its head first."""
+    """Format a table in Markdown. The first row is the head."""
     head, *rest = cells
     lines = [head, ["---"] * len(head), *rest]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def scenes_table(results: Results, who: str) -> str:
-    """Scene by scene, what `who` has of each measure over ours."""
+    """Return a table of all scenes, with the figures of `who` divided by ours."""
     head = ["scene", *MEASURES]
     rows = [
         [name, *(over_ours(row, who, measure) for measure in MEASURES)]
@@ -56,13 +58,14 @@ def scenes_table(results: Results, who: str) -> str:
 
 
 def paragraph(text: str) -> str:
-    """Text in lines of one length; what stands between empty lines stays apart."""
+    """Wrap text to lines of equal length. Empty lines separate paragraphs."""
     return "\n\n".join(textwrap.fill(" ".join(p.split()), WIDTH) for p in text.split("\n\n"))
 
 
 def readme_block(results: Results) -> str:
-    """What the README says."""
-    scenes, large = results["scenes"], results["times"]["size"]["256"]
+    """Return the text and the table of the README."""
+    scenes = results["scenes"]
+    large = results["times"]["size"]["256"]
     machine = results["machine"]
     box = scenes["Cornell box"]
     mirror, glass = (
@@ -227,11 +230,13 @@ NOT_MEASURED = """The present version was not measured on a GPU. `make test-gpu`
 
 
 def draw(results: Results) -> None:
-    """The figure of times."""
+    """Draw the figure of times."""
     figure = new_figure(11, 3.4)
     times = results["times"]
     axes: Any = figure.subplots(1, 3, sharey=True)
     names = {"size": "width and height [pixels]", "bins": "bins", "spp": "samples per pixel"}
+
+    # Draw times over size, bins and samples
     for ax, (what, label) in zip(axes, names.items(), strict=True):
         for who, style in (("ours", "o-"), ("one light point", "s--"), (PEER, "^-")):
             points = [(int(n), row[who]) for n, row in times[what].items() if who in row]
@@ -240,6 +245,8 @@ def draw(results: Results) -> None:
         ax.set_xticks([int(n) for n in times[what]], list(times[what]))
         ax.minorticks_off()
         ax.grid(alpha=0.3)
+
+    # Add a legend, and save
     axes[0].set_ylim(bottom=0)
     axes[0].set_ylabel("CPU time over path")
     axes[0].legend(frameon=False)
@@ -248,7 +255,7 @@ def draw(results: Results) -> None:
 
 
 def with_block(text: str, results: Results) -> str:
-    """The README with its table."""
+    """Replace the table of the README."""
     block = f"{BEGIN}\n{readme_block(results)}\n{END}"
     return re.sub(f"{BEGIN}.*?{END}", lambda _: block, text, flags=re.DOTALL)
 

@@ -1,4 +1,4 @@
-"""The six scenes in which `make bench-full` measures errors."""
+"""Six scenes in which `make bench-full` measures errors."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ import mitsuba as mi
 
 import tofrender
 
-SIZE, BINS, DEPTH = 64, 300, 6
+SIZE = 64
+BINS = 300
+DEPTH = 6
 Described = dict[str, Any]
 
 
 def box(name: str = "cornell_box", **more: Any) -> Described:
-    """A Cornell box at the size of the table."""
+    """Describe a Cornell box with the size of the table."""
     found = getattr(tofrender, name)(
         **{"width": SIZE, "height": SIZE, "temporal_bins": BINS} | more
     )
@@ -23,7 +25,10 @@ def box(name: str = "cornell_box", **more: Any) -> Described:
 
 
 def sixteen_lamps() -> Described:
-    """The box's lamp, cut into sixteen that are a third as long and wide as their part of it."""
+    """Describe the box with sixteen small lamps instead of one.
+
+    The lamp is cut into sixteen parts, and each part is scaled to a third of its length and width.
+    """
     found = box()
     lamp = found.pop("light")
     grid = [(x, y) for x in (-0.75, -0.25, 0.25, 0.75) for y in (-0.75, -0.25, 0.25, 0.75)]
@@ -34,7 +39,7 @@ def sixteen_lamps() -> Described:
 
 
 def small_lamp() -> Described:
-    """The box with a lamp 4 cm wide, two bins."""
+    """Describe the box with a lamp that is 4 cm or two bins wide."""
     found = box()
     lamp = found["light"]
     part = mi.ScalarTransform4f().scale([0.02 / 0.23, 0.02 / 0.19, 1])

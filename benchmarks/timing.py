@@ -13,23 +13,23 @@ import mitsuba as mi
 import numpy as np
 
 Row = tuple[str, float, float | None]
-"""A figure: name, value, target."""
+"""Name, value and target of a figure."""
 
 
 @dataclass
 class Times:
-    """Times of one function [s], one entry a run.
+    """Times of a function in several runs [s].
 
     Attributes:
         wall: Wall-clock times.
-        cpu: Times of all threads of the process; steadier on a shared machine.
+        cpu: CPU times of all threads of the process, which vary less on a shared machine.
     """
 
     wall: np.ndarray
     cpu: np.ndarray
 
     def ratio(self, other: Times) -> tuple[float, float]:
-        """Median over the runs of this time over the other's: wall, cpu."""
+        """Return the median ratios of wall-clock time and CPU time to other times."""
         return float(np.median(self.wall / other.wall)), float(np.median(self.cpu / other.cpu))
 
     def rows(
@@ -40,7 +40,7 @@ class Times:
         cpu: float | None = None,
         factor: float = 1.0,
     ) -> list[Row]:
-        """This time over the other's, times a factor, as two rows with these targets."""
+        """Return two rows with the ratios of times, multiplied by a factor, and their targets."""
         ratios = self.ratio(other)
         return [
             (f"{name}: wall", factor * ratios[0], wall),
@@ -49,10 +49,13 @@ class Times:
 
 
 def in_turn(functions: Mapping[str, Callable[[], object]], runs: int) -> dict[str, Times]:
-    """Call all functions once to warm up, then all of them `runs` times, A B C A B C ..."""
+    """Measure functions in alternation, A B C A B C, so that the load of the machine is shared."""
+    # Call each function once to compile it
     for function in functions.values():
         function()
         dr.sync_thread()
+
+    # Measure the runs
     wall = {name: [] for name in functions}
     cpu = {name: [] for name in functions}
     for _ in range(runs):
@@ -68,7 +71,7 @@ def in_turn(functions: Mapping[str, Callable[[], object]], runs: int) -> dict[st
 def noise(
     functions: dict[str, Callable[[int], np.ndarray]], runs: int
 ) -> tuple[dict[str, float], dict[str, Times]]:
-    """Variance over seeds, mean over pixels, and times."""
+    """Return the variance over seeds (mean over pixels), and the times."""
     images: dict[str, list[np.ndarray]] = {name: [] for name in functions}
 
     def draw(name: str) -> None:
@@ -80,5 +83,5 @@ def noise(
 
 
 def trace(scene: mi.Scene, spp: int, **options: Any) -> Callable[[], object]:
-    """A render by `mi.render` whose result stays on the device."""
+    """Return a function that renders by `mi.render`. The result stays on the device."""
     return lambda: dr.eval(mi.render(scene, spp=spp, **options))

@@ -38,11 +38,11 @@ REPRODUCTIONS = {
     "mitransient, nlos-two-sided": """the same with a single `twosided` plate whose normal is away
         from the wall: no light.""",
 }
-"""What a failure shows, in the peer's own terms."""
+"""Description of each failure, in the terms of the other renderer."""
 
 
 def page(results: dict) -> str:
-    """The page."""
+    """Return the page in Markdown."""
     made = f"""`python -m benchmarks.tofbench_page` made this table on {results["date"]}, with
         {results["runs"]} runs of each case."""
     intro = """`benchmarks/tofbench/` tests transient renderers against closed forms: when does
@@ -58,6 +58,8 @@ def page(results: dict) -> str:
     rows_of_references = """Cases named `reference` have no closed form. They compare with bins
         rendered by tofrender, with error bars, so what they tell is in the columns of the other
         renderers."""
+
+    # List the failures
     wrong = []
     for line in failures(results):
         name, _, text = line.partition(": ")
@@ -65,6 +67,8 @@ def page(results: dict) -> str:
         renderer, _, case = name.partition(", ")
         again = f"`python -m benchmarks.tofbench --renderer {renderer} --case {case}`"
         wrong.append(f"- **{name}** ({text}): {shown} {again}".replace(":  ", ": "))
+
+    # Join the parts of the page
     blocks = ["# Tests of transient renderers (tofbench)", paragraph(intro), paragraph(rows)]
     blocks += [paragraph(rows_of_references), paragraph(made)]
     blocks += ["## Results", markdown(results), "## Failures, and how to reproduce them"]
@@ -73,7 +77,7 @@ def page(results: dict) -> str:
 
 
 def main() -> None:
-    """Run all adapters, unless only the page is wanted, and write the page."""
+    """Run all adapters, except with --page-only, and write the page."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition(":")[0])
     parser.add_argument("--python", action="append", default=[], metavar="RENDERER=PATH")
     parser.add_argument("--page-only", action="store_true", help="use the stored results")

@@ -19,7 +19,8 @@ from .tofbench.cases import Case
 from .tofbench.references import DATA
 from .tofbench.running import describe, rendered
 
-RUNS, SAMPLES = 16, 8192
+RUNS = 16
+SAMPLES = 8192
 TAGS = {
     "integrator": ("transient_path", "transient_volpath"),
     "sensor": ("perspective",),
@@ -37,7 +38,7 @@ KINDS = {bool: "boolean", int: "integer", float: "float", str: "string"}
 
 
 def add(name: str, value, parent: Element) -> None:
-    """A value of a dict for `mi.load_dict` as a child of an XML element."""
+    """Add a value of a dict for `mi.load_dict` to an XML element."""
     if isinstance(value, dict) and value["type"] == "rgb":
         SubElement(parent, "rgb", name=name, value=", ".join(map(str, value["value"])))
     elif isinstance(value, dict):
@@ -68,18 +69,25 @@ def write_xml(scene: dict, bins: dict, path: Path) -> None:
 
 
 def main(names: list[str]) -> None:
-    """Compute and write references, all by default."""
+    """Compute and write references; by default all references."""
     renderer = describe("tofrender")
     for path in [DATA / f"{name}.json" for name in names] or sorted(DATA.glob("*.json")):
+        # Write the scene
         described = json.loads(path.read_text(encoding="utf-8"))
-        scene, bins = described["scene"], described["bins"]
+        scene = described["scene"]
+        bins = described["bins"]
         write_xml(scene, bins, path.with_suffix(".xml"))
+
+        # Render independent runs
         case = Case(path.stem, "", "", scene, bins, lambda: np.zeros(0), samples=SAMPLES)
         with tempfile.TemporaryDirectory() as folder:
             [(_, result)] = rendered(renderer, [case], RUNS, 1.0, Path(folder))
         if isinstance(result, str):
             sys.exit(f"{path.stem}: {result}")
-        mean, error = result[0].mean(axis=0), result[0].std(axis=0, ddof=1) / np.sqrt(RUNS)
+
+        # Write mean and standard error
+        mean = result[0].mean(axis=0)
+        error = result[0].std(axis=0, ddof=1) / np.sqrt(RUNS)
         np.savez_compressed(
             path.with_suffix(".npz"),
             mean=mean.astype(np.float32),

@@ -1,1 +1,1 @@
-"""Tests of transient renderers against closed forms and reference scenes; see README.md."""
+"""Tests of transient renderers with closed forms and reference scenes, see README.md."""

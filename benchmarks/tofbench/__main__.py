@@ -18,7 +18,7 @@ QUICK = {"runs": 8, "samples": 1 / 16}
 
 
 def parser() -> argparse.ArgumentParser:
-    """The options."""
+    """Return the parser of the options."""
     result = argparse.ArgumentParser(prog="tofbench", description=__doc__)
     add = result.add_argument
     known = ", ".join(ADAPTERS)
@@ -34,11 +34,13 @@ def parser() -> argparse.ArgumentParser:
 
 
 def refuse(line: str) -> None:
+    """Print an error and exit."""
     print(f"tofbench: error: {line}", file=sys.stderr)
     sys.exit(2)
 
 
 def chosen(names: list[str] | None, cases: list[Case]) -> list[Case]:
+    """Choose cases by name; by default all cases."""
     by_name = {case.name: case for case in cases}
     for name in names or ():
         if name not in by_name:
@@ -47,13 +49,16 @@ def chosen(names: list[str] | None, cases: list[Case]) -> list[Case]:
 
 
 def renderers(names: list[str], pythons: list[str]) -> list[Renderer]:
-    """Ask each adapter; one that has no renderer is refused in one line if it is the only one."""
+    """Start each adapter and read its version. Exit if no renderer is installed."""
+    # Read the interpreters
     paths = {}
     for each in pythons:
         name, equals, path = each.partition("=")
         if not equals or name not in names or not Path(path).exists():
             refuse(f"--python = {each!r}: must be RENDERER=PATH, one of --renderer and a program")
         paths[name] = path
+
+    # Start the adapters
     found = []
     for name in names:
         if name not in ADAPTERS and not (name.endswith(".py") and Path(name).exists()):
@@ -63,6 +68,8 @@ def renderers(names: list[str], pythons: list[str]) -> list[Renderer]:
             found.append(describe(name, paths.get(name, sys.executable)))
         except RuntimeError as error:
             refuse(str(error))
+
+    # Report renderers that are not installed
     missing = [each for each in found if each.version is None]
     for each in missing:
         print(f"tofbench: {each.name}: not installed ({each.install})", file=sys.stderr)
@@ -73,7 +80,9 @@ def renderers(names: list[str], pythons: list[str]) -> list[Renderer]:
 
 def main() -> None:
     """Run the command."""
-    options, cases = parser().parse_args(), all_cases()
+    # Read the options
+    options = parser().parse_args()
+    cases = all_cases()
     if options.list:
         for case in cases:
             print(f"{case.name:24s} {case.title}: {case.form}")
@@ -81,12 +90,16 @@ def main() -> None:
         return
     if not options.renderer:
         refuse(f"--renderer: must be one or more of {', '.join(ADAPTERS)}, or files of adapters")
+
+    # How many runs and samples?
     size = QUICK if options.quick else {"runs": 16, "samples": 1.0}
     size = {k: v if getattr(options, k) is None else getattr(options, k) for k, v in size.items()}
     if size["runs"] < 4:
         refuse(f"--runs = {size['runs']}: must be 4 or more")
     if not size["samples"] > 0:
         refuse(f"--samples = {size['samples']}: must be above 0")
+
+    # Run the renderers
     among = chosen(options.case, cases)
     found: list[tuple[Renderer, dict[str, Verdict]]] = []
     for renderer in renderers(list(dict.fromkeys(options.renderer)), options.python):
@@ -95,6 +108,8 @@ def main() -> None:
             tell = lambda line: print(line, flush=True)  # noqa: E731
             verdicts = run(renderer, among, **size, progress=tell, among=cases)
         found.append((renderer, verdicts))
+
+    # Write the results
     made = {"date": f"{datetime.date.today()}", **size}
     results = as_json(found, among, made)
     options.out.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""What a case is, and the list of all cases."""
+"""Cases: scenes with known results."""
 
 from __future__ import annotations
 
@@ -11,23 +11,26 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Case:
-    """A scene with a known result.
+    """Scene with a known result.
 
     Attributes:
-        name: Of letters, digits and hyphens.
-        title: What it tests, for the table.
-        form: The formula and its source.
-        scene: See README.md.
-        bins: What is measured: `quantity` and its parameters, see README.md.
-        exact: Computes the expected numbers: of the film's mean (numbers,), or of each pixel
-            (height, width, numbers).
-        needs: Abilities besides the quantity.
-        whole: Whether the bins hold all light, so that a steady renderer can be tested by its sum.
-        readings: Weights of the numbers that are compared, (readings, numbers); None: groups.
-        steady_readings: The same for the sums over time.
+        name: Name of letters, digits and hyphens.
+        title: Subject of the test, for the table.
+        form: Formula and its source.
+        scene: Description of the scene, see README.md.
+        bins: Measured `quantity` and its parameters, see README.md.
+        exact: Function that computes the expected numbers, for the mean of the film (numbers,) or
+            for each pixel (height, width, numbers).
+        needs: Abilities that are needed in addition to the quantity.
+        whole: Whether the bins contain all light. Then the sum tests a steady renderer.
+        readings: Weights of the numbers that are compared, (readings, numbers). If this is None,
+            neighboring bins are grouped.
+        steady_readings: Weights for the sums over time.
         samples: Samples per pixel of one run.
-        rounding: Standard error of rounding, relative to a reading, and 0.1 of it to all light.
-        standard_error: Computes the standard error of the expected numbers, for references.
+        rounding: Standard error of rounding relative to a reading. A tenth of it is relative to all
+            light.
+        standard_error: Function that computes the standard error of the expected numbers, for
+            references.
     """
 
     name: str
@@ -46,10 +49,12 @@ class Case:
 
     @cached_property
     def expected(self) -> np.ndarray:
+        """Expected numbers."""
         return np.asarray(self.exact(), float)
 
     @cached_property
     def error(self) -> np.ndarray | None:
+        """Standard error of the expected numbers; None for closed forms."""
         return None if self.standard_error is None else np.asarray(self.standard_error(), float)
 
     @property
@@ -62,20 +67,25 @@ class Case:
 
     @property
     def features(self) -> set[str]:
-        """Abilities that the scene needs."""
+        """Abilities that the scene needs, without the quantity."""
         by_camera = self.scene["camera"].get("kind") == "perspective"
         return {*self.needs, *(["camera"] if by_camera and "half-space" not in self.needs else [])}
 
     def missing(self, abilities: frozenset[str]) -> set[str]:
-        """What a renderer would need besides."""
+        """Return the abilities that a renderer lacks for this case."""
         return ({self.bins["quantity"]} | self.features) - abilities
 
     def form_for(self, abilities: frozenset[str]) -> Case | None:
-        """The case as a renderer can do it: itself, its sum over time, its delays, or None."""
+        """Return the case in a form that a renderer supports.
+
+        This is the case itself, its sum over time, its delays, or None.
+        """
         if not self.missing(abilities):
             return self
         if self.bins["quantity"] != "bins":
             return None
+
+        # Compare the sum over time
         if "steady" in abilities and self.whole and self.features <= abilities:
             return replace(
                 self,
@@ -85,6 +95,8 @@ class Case:
                 and (lambda: np.sqrt((self.error**2).sum(axis=-1, keepdims=True))),
                 readings=self.steady_readings,
             )
+
+        # Compare the delays
         if "delays" in abilities and "room" in self.scene and {*self.needs} <= abilities:
             return replace(
                 self,
@@ -94,7 +106,7 @@ class Case:
         return None
 
     def request(self, runs: int, samples: float) -> dict:
-        """What an adapter's process gets, as JSON."""
+        """Return the request to the process of an adapter, for JSON."""
         count = max(16, int(self.samples * samples))
         parts = {"scene": self.scene, "bins": self.bins, "runs": runs}
         return {"name": self.name, "samples": count} | parts

@@ -1,4 +1,4 @@
-"""Six scenes without closed form, with bins and error bars in data/, computed by tofrender."""
+"""Six scenes without closed form. Bins and error bars in data/ were computed by tofrender."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from .cases import Case
 from .verdicts import grouped
 
 DATA = Path(__file__).with_name("data")
-BLOCKS = 4
+BLOCKS = 4  # Number of blocks of pixels in each direction
 ABILITIES = {"mirror": "mirror", "glass": "glass", "rough": "rough", "none": "medium"}
 
 
 def _blocks(height: int, width: int, bins: int) -> np.ndarray:
-    """Weights of the sums over time of 4 x 4 blocks of pixels."""
+    """Return the weights of sums over time in 4 x 4 blocks of pixels."""
     row, column = (np.arange(n) * BLOCKS // n for n in (height, width))
     block = row[:, None] * BLOCKS + column
     rows = (block[None] == np.arange(BLOCKS**2)[:, None, None]).astype(float)
@@ -24,11 +24,15 @@ def _blocks(height: int, width: int, bins: int) -> np.ndarray:
 
 
 def reference(path: Path) -> Case:
-    """The case of a reference: the film's mean in time, and blocks of its pixels."""
+    """Make the case of a reference, with readings of the mean in time and of blocks of pixels."""
+    # Read scene, mean and standard error
     described = json.loads(path.read_text(encoding="utf-8"))
     with np.load(path.with_suffix(".npz")) as file:
         mean, error = (file[key].astype(float) for key in ("mean", "standard_error"))
-    scene, pixels = described["scene"], mean[..., 0].size
+    scene = described["scene"]
+    pixels = mean[..., 0].size
+
+    # Which materials and readings does the case need?
     kinds = {each["material"]["kind"] for each in scene["shapes"].values()}
     in_time = np.tile(grouped(mean.sum(axis=(0, 1))), (1, pixels))
     return Case(
@@ -47,5 +51,5 @@ def reference(path: Path) -> Case:
 
 
 def reference_cases() -> list[Case]:
-    """All references."""
+    """Return the cases of all references."""
     return [reference(path) for path in sorted(DATA.glob("*.json"))]

@@ -1,4 +1,4 @@
-"""Results as JSON, and tables of them as HTML and Markdown."""
+"""Write results as JSON, and tables of results as HTML and Markdown."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ th, td { border-bottom: 1px solid #ccc } .failed, .error { color: #a40000; font-
 
 
 def as_json(found: Sequence[tuple[Renderer, Verdicts]], cases: Sequence[Case], made: dict) -> dict:
-    """All results: `made` (date, runs, samples), the cases, and verdicts by renderer."""
+    """Collect all results: `made` (date, runs, samples), the cases, and verdicts by renderer."""
     return {
         **made,
         "alpha": ALPHA,
@@ -42,11 +42,13 @@ def as_json(found: Sequence[tuple[Renderer, Verdicts]], cases: Sequence[Case], m
 
 
 def short(verdict: dict | None) -> str:
-    """A cell: passed or failed with what was compared, bias, and time to 1 %."""
+    """Format a cell: verdict, form of the comparison, bias, and time to 1 %."""
     if verdict is None:
         return "not run"
     if verdict["status"] in (OFF, "error"):
         return verdict["status"]
+
+    # Name the form if it is not the case itself
     form = f" ({verdict['form']})" if verdict["form"] in ("steady", "delays") else ""
     parts = [verdict["status"] + form]
     if verdict["bias"] is not None:
@@ -59,11 +61,12 @@ def short(verdict: dict | None) -> str:
 
 
 def sigma(bias: float) -> str:
+    """Format a bias in standard errors."""
     return f"{bias:+.1f}" if abs(bias) < 100 else f"{'+' if bias > 0 else '−'}>100"
 
 
 def seconds(value: float) -> str:
-    """Processor time to 1 %, to one digit."""
+    """Format a processor time with one digit."""
     if value < 1e-3:
         return "<1 ms"
     digits = -math.floor(math.log10(value))
@@ -72,18 +75,22 @@ def seconds(value: float) -> str:
 
 
 def counts(verdicts: dict[str, dict]) -> str:
-    """Of the cases that a renderer supports, how many pass."""
+    """Count how many of the supported cases pass."""
     states = [each["status"] for each in verdicts.values()]
     supported = [state for state in states if state != OFF]
     return f"{states.count('passed')} of {len(supported)}"
 
 
 def _rows(results: dict) -> list[list[str]]:
+    """Return the cells of the table. Each renderer is a column."""
+    # Head, versions and counts
     renderers = results["renderers"]
     rows = [["", *renderers]]
     rows.append(["version", *((r["version"] or "not installed") for r in renderers.values())])
     passed = [counts(r["verdicts"]) if r["version"] else "not run" for r in renderers.values()]
     rows.append(["passed, of those supported", *passed])
+
+    # One row per case
     for name, case in results["cases"].items():
         cells = [short(r["verdicts"].get(name)) for r in renderers.values()]
         rows.append([f"{name}: {case['title']}", *cells])
@@ -91,10 +98,13 @@ def _rows(results: dict) -> list[list[str]]:
 
 
 def page(results: dict) -> str:
-    """The HTML page."""
+    """Return the page in HTML."""
+    # The head of the table
     head, *body = _rows(results)
     cells = "".join(f"<th scope=col>{html.escape(each)}</th>" for each in head)
     lines = [f"<thead><tr>{cells}</tr></thead><tbody>"]
+
+    # The rows of the table, with a class for each verdict
     for first, *rest in body:
         tags = [f"<th scope=row>{html.escape(first)}</th>"]
         for cell in rest:
@@ -116,12 +126,14 @@ its exact value, in standard errors. Times: processor time to a relative error o
 
 
 def failures(results: dict) -> list[str]:
-    """One line for each failure, with the number and what is right."""
+    """Return a line for each failure, with the wrong number and the exact number."""
     lines = []
     for name, renderer in results["renderers"].items():
         for case, verdict in renderer["verdicts"].items():
             if verdict["status"] not in ("failed", "error"):
                 continue
+
+            # Compare the worst reading and the energy with the exact values
             text = verdict["note"]
             if verdict["reading"]:
                 which, mean, error, exact = verdict["reading"]
@@ -133,7 +145,7 @@ def failures(results: dict) -> list[str]:
 
 
 def markdown(results: dict) -> str:
-    """Tables for the documentation: a row for each renderer, and one for each case."""
+    """Return tables for the documentation: a table of renderers, and a table of cases."""
     _, versions, passed, *cases = _rows(results)
     names = list(results["renderers"])
     summary = list(zip(["renderer", *names], versions, passed, strict=True))
@@ -142,6 +154,6 @@ def markdown(results: dict) -> str:
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown, whose first row is its head."""
+    """Format a table in Markdown. The first row is the head."""
     lines = [" | ".join(row) for row in (rows[0], ["---"] * len(rows[0]), *rows[1:])]
     return "\n".join(f"| {line} |" for line in lines)

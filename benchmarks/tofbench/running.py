@@ -1,4 +1,4 @@
-"""Runs adapters in processes of their own and judges what they render."""
+"""Run adapters in separate processes, and judge their renders."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ ADAPTERS = sorted(
     for path in (WORKER.parent / "adapters").glob("*.py")
     if path.stem not in ("__init__", "mitsuba_scenes")
 )
-CASE_LIMIT_S = 600
+CASE_LIMIT_S = 600  # Time limit of a case [s]
 
 
 @dataclass
 class Renderer:
-    """An adapter, and the Python that has its renderer.
+    """Adapter with the Python in which its renderer is installed.
 
     Attributes:
-        name: The adapter's name, or the path of its file.
-        python: The interpreter.
-        version: What runs, None if it is not installed.
-        abilities: What it declares.
-        install: How it is installed.
+        name: Name of the adapter, or path of its file.
+        python: Path of the interpreter.
+        version: Names and versions of the renderer; None if it is not installed.
+        abilities: Abilities that the adapter declares.
+        install: How to install the renderer.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Renderer:
 
 
 def describe(name: str, python: str = sys.executable) -> Renderer:
-    """Ask an adapter for its version and abilities."""
+    """Start an adapter, and read its version and abilities."""
     done = subprocess.run([python, WORKER, name], capture_output=True, text=True)
     if done.returncode:
         last = (done.stderr.strip().splitlines() or ["no message"])[-1]
@@ -62,16 +62,17 @@ def run(
     progress: Callable[[str], None] = lambda line: None,
     among: Sequence[Case] = (),
 ) -> dict[str, Verdict]:
-    """Verdicts by case.
+    """Render cases and judge them; returns verdicts by name.
 
     Args:
-        renderer: What renders.
-        cases: What it renders.
-        runs: Independent runs of each case, at least 2.
-        samples: Multiplies each case's samples per pixel.
-        progress: Gets a line for each case.
+        renderer: The renderer.
+        cases: Cases to render.
+        runs: Number of independent runs of each case, at least 2.
+        samples: Factor of the samples per pixel of each case.
+        progress: Function that is called with a line for each case.
         among: All cases that share the false-alarm rate; `cases` by default.
     """
+    # Which cases are supported, and in which form?
     forms = {case.name: case.form_for(renderer.abilities) for case in cases}
     found = {
         case.name: Verdict(
@@ -80,6 +81,8 @@ def run(
         for case in cases
         if forms[case.name] is None
     }
+
+    # Render and judge
     todo = [form for form in forms.values() if form is not None]
     allowed = threshold(sum(len(readings_of(case)) for case in among or cases))
     with tempfile.TemporaryDirectory() as folder:
@@ -96,12 +99,17 @@ def run(
 
 
 def rendered(renderer: Renderer, cases: list[Case], runs: int, samples: float, folder: Path):
-    """(name, (runs, processor time)) or (name, error) of each case; crashes end one case only."""
+    """Yield the name of each case with (runs, processor time), or with an error.
+
+    If the process crashes, the remaining cases are rendered in a new process.
+    """
     left = {case.name: case for case in cases}
     while left:
-        # Polarised light needs another variant of Mitsuba, which takes a process of its own
+        # Polarized light needs another variant of Mitsuba, and therefore another process
         polarised = next(iter(left.values())).bins["quantity"] == "stokes"
         now = [c for c in left.values() if (c.bins["quantity"] == "stokes") == polarised]
+
+        # Start the process
         described = [case.request(runs, samples) for case in now]
         (folder / "cases.json").write_text(json.dumps(described))
         command = [renderer.python, WORKER, renderer.name, folder]
@@ -113,6 +121,8 @@ def rendered(renderer: Renderer, cases: list[Case], runs: int, samples: float, f
             last = (done.stderr.strip().splitlines() or [""])[-1]
         except subprocess.TimeoutExpired:
             last = f"no answer within {limit} s"
+
+        # Read the results
         ended = []
         for name in (case.name for case in now):
             if (folder / f"{name}.npz").exists():
@@ -122,7 +132,9 @@ def rendered(renderer: Renderer, cases: list[Case], runs: int, samples: float, f
             elif (folder / f"{name}.txt").exists():
                 yield name, (folder / f"{name}.txt").read_text().splitlines()[0][:300]
                 ended.append(name)
-        if len(ended) < len(now):  # The process ended in this case
+
+        # In which case did the process end early?
+        if len(ended) < len(now):
             at = folder / "now.txt"
             name = at.read_text() if at.exists() else now[0].name
             name = name if name in left and name not in ended else now[len(ended)].name
@@ -132,4 +144,5 @@ def rendered(renderer: Renderer, cases: list[Case], runs: int, samples: float, f
 
 
 def _env() -> Mapping[str, str]:
+    """Return an environment without Python warnings."""
     return os.environ | {"PYTHONWARNINGS": "ignore"}

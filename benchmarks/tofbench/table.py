@@ -8,5 +8,5 @@ from .references import reference_cases
 
 
 def all_cases() -> list[Case]:
-    """All cases, references last."""
+    """Return all cases. The references are last."""
     return [*CASES, *reference_cases()]

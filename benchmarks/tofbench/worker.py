@@ -1,7 +1,8 @@
-"""Renders cases with one adapter, in a process of its own: worker.py ADAPTER FOLDER.
+"""Render cases with one adapter in a separate process: worker.py ADAPTER FOLDER.
 
-FOLDER has `cases.json`; for each case, NAME.npz with its runs and their processor time is written
-there, or NAME.txt with an error. With no FOLDER, the adapter's version and abilities are printed.
+FOLDER contains `cases.json`. For each case, a file NAME.npz with runs and processor time is written
+to FOLDER, or a file NAME.txt with an error. Without FOLDER, the version and the abilities of the
+adapter are printed.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ HERE = Path(__file__).resolve().parent
 
 
 def adapter(name: str):
-    """The adapter's module: one of this folder, or a file."""
-    sys.path[0] = str(HERE.parent)  # In place of this folder, whose names must not hide others
+    """Import an adapter of this folder, or from a file."""
+    # Remove this folder from the path, so that its modules do not hide other modules
+    sys.path[0] = str(HERE.parent)
     sys.path.append(sys.path.pop(0))
     if name.endswith(".py"):
         importlib.import_module(f"{HERE.name}.adapters")
@@ -31,8 +33,10 @@ def adapter(name: str):
 
 
 def main() -> None:
+    """Run the command."""
     import numpy as np
 
+    # Print version and abilities
     module = adapter(sys.argv[1])
     if len(sys.argv) == 2:
         try:
@@ -43,14 +47,17 @@ def main() -> None:
         abilities = sorted(module.ABILITIES)
         print(json.dumps({"version": version, "abilities": abilities, "install": module.INSTALL}))
         return
+
+    # Render the cases
     folder = Path(sys.argv[2])
     module.version()
     for case in json.loads((folder / "cases.json").read_text()):
         (folder / "now.txt").write_text(case["name"])
         try:
-            runs, seconds = [], 0.0
-            for seed in range(case["runs"] + 1):  # The first one compiles
-                start = sum(os.times()[:4])  # Of programs that it starts, too
+            runs = []
+            seconds = 0.0
+            for seed in range(case["runs"] + 1):  # The first run compiles
+                start = sum(os.times()[:4])  # Including started programs
                 run = module.render(case["scene"], case["bins"], case["samples"], seed)
                 seconds = seconds + sum(os.times()[:4]) - start if seed else 0.0
                 runs.append(np.asarray(run, np.float64))

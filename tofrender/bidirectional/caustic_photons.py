@@ -1,7 +1,7 @@
 """Caustic photons: paths from emitters that start with a delta lobe and end on a smooth one.
 
 They are paths of the kind `CAUSTIC` (see `paths.kinds`). A photon meets a mirror or clear glass
-first, and goes on by its delta lobes. Later vertices connect to the lens, by their smooth lobes.
+first, and continues by its delta lobes. Later vertices connect to the lens, by their smooth lobes.
 Few directions of emission lead to such paths. A table aims at them: the uniform numbers of emission
 sampling form a unit cube, which is cut into cells, and a pilot finds how much light of each cell
 arrives in the picture. A photon's cell is sampled with the probability

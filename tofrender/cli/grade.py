@@ -100,7 +100,9 @@ def grade(
 
     found = find(assignment)
     found.require_tests()
-    members, unknown, marks = [], [], None
+    members = []
+    unknown = []
+    marks = None
     if everyone is not None:
         reserved = [path for path in (out, csv, feedback, roster, sheet) if path is not None]
         those = classes.submissions_in(everyone, found, reserved)

@@ -74,9 +74,9 @@ def checked(
     """Declare an option or an argument with a check of its value.
 
     Args:
-        check: Called with an empty name, and with the text or the number that the text stands
-            for. The check returns the value, or raises a ValueError. The option's name is put in
-            front of its message.
+        check: Called with an empty name, and with the text or the number that the text contains.
+            The check returns the value, or raises a ValueError. The option's name is put in front
+            of its message.
         help: One sentence for `--help`.
         *names: Names of the option; by default the name of the parameter.
         kind: `typer.Option` or `typer.Argument`.

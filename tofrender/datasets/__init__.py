@@ -1,4 +1,4 @@
-"""Data sets to train on: many scenes, each rendered with all that is known of it."""
+"""Data sets for training: renders of many scenes, with depth, normals and all drawn values."""
 
 from ..runtime.lazy import attach_stub
 

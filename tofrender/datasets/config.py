@@ -1,4 +1,4 @@
-"""Description of a data set: a TOML file or a mapping, read and checked whole before any work."""
+"""Description of a data set: a TOML file or a mapping, which is checked before any work starts."""
 
 import hashlib
 import json
@@ -31,12 +31,12 @@ Check = Callable[[str, Any], Any]
 
 @dataclass(frozen=True)
 class Capture:
-    """A capture of a relay wall."""
+    """Settings of the captures of a relay wall."""
 
-    mode: str | None = None  # one of `MODES`; None for the scene's
-    grid: tuple[int, int] | None = None  # points of the wall, width and height; None for the film's
-    relay_wall: str | None = None  # id of the wall, None to find it
-    hidden_depth: bool = True  # whether the true depth of what is hidden is wanted
+    mode: str | None = None  # one of `MODES`; None for the mode of the scene
+    grid: tuple[int, int] | None = None  # columns and rows of points; None for the size of the film
+    relay_wall: str | None = None  # id of the wall; None to find the wall
+    hidden_depth: bool = True  # whether records contain the true depth of the hidden objects
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Outputs:
     depth: bool = False
     normals: bool = False
     phasor: tuple[float, ...] = ()  # frequencies [Hz]
-    noisy: int | None = None  # samples per pixel of a second transient with noise of its own
+    noisy: int | None = None  # samples per pixel of a second, independent transient
     capture: Capture | None = None
 
     @property
@@ -59,20 +59,20 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Config:
-    """A data set, checked.
+    """Checked description of a data set.
 
     Attributes:
         records, seed, retry, arguments, parameters, outputs, materials, objects, window, sensor:
-            Values of the keys of these names, see docs/datasets.md.
-        scene: A built-in scene's name, the path of an XML file, or a dict.
+            Values of the keys with these names, see docs/datasets.md.
+        scene: Name of a built-in scene, path of an XML file, or a dict.
         settings: Settings of `load_scene`.
-        varied: The varied quantities by name.
+        varied: Varied quantities, by name.
         normalize_each_record: Whether `photons_per_cycle` of the sensor is the mean of each record.
             Otherwise it is the mean of record 0, and all records have the same factor.
-        folder: Folder that names of files are relative to.
-        plain: The configuration as JSON can hold it.
-        checksum: Checksum of a scene that is a file or a dict.
-        given: The configuration as it was read.
+        folder: Folder to which names of files are relative.
+        plain: The configuration in a form that JSON supports.
+        checksum: Checksum of a scene that is a file or a dict, otherwise empty.
+        given: The configuration before the checks.
     """
 
     records: int
@@ -84,7 +84,7 @@ class Config:
     settings: dict[str, Any]
     window: tuple[float, float] | None
     sensor: int
-    sense: dict[str, Any] | None  # Description of a sensor, `[sensor]`
+    sense: dict[str, Any] | None  # Description of a sensor, table `[sensor]`
     outputs: Outputs
     materials: dict[str, dict[str, Any]]
     objects: dict[str, dict[str, Any]]
@@ -102,18 +102,19 @@ class Config:
 
     @property
     def shares_photons(self) -> bool:
-        """Whether one factor from radiance to photons, found with record 0, is for all records."""
+        """Whether all records use the factor from radiance to photons of record 0."""
         return self.photons_per_cycle is not None and not self.normalize_each_record
 
     def draw(self, record: int, attempt: int = 0) -> dict[str, Any]:
-        """The values of a record, which depend on seed, record, attempt and each name alone."""
+        """Draw the values of a record. They depend on seed, record, attempt and names only."""
         return {
             name: varied.distribution.draw(Source(self.seed, record, name, attempt))
             for name, varied in self.varied.items()
         }
 
     def render_seed(self, record: int, attempt: int = 0, use: str = "render") -> int:
-        """The seed of a record's render; no quantity can have the name in brackets."""
+        """Return the seed of one use of a record, such as its render."""
+        # Names of quantities cannot contain brackets, so this name is different
         return Source(self.seed, record, f"[{use}]", attempt).integer()
 
 
@@ -121,12 +122,12 @@ def read_config(source: str | os.PathLike[str] | Mapping[str, Any] | Config) -> 
     """Read the description of a data set.
 
     Args:
-        source: The name of a TOML file, or a mapping with the same keys, whose `scene` may be a
-            dict for `mi.load_dict` too.
+        source: Name of a TOML file, or a mapping with the same keys. In a mapping, `scene` may also
+            be a dict for `mi.load_dict`. A `Config` is returned unchanged.
 
     Raises:
-        ValueError: A key is unknown, or its value not allowed; one line that names the key.
-        FileNotFoundError: There is no such file; one line.
+        ValueError: A key is unknown or its value is not allowed. The message names the key.
+        FileNotFoundError: The file does not exist.
 
     Example:
         >>> lamp = {"argument": "light", "distribution": "choice", "values": ["area", "flash"]}
@@ -139,8 +140,10 @@ def read_config(source: str | os.PathLike[str] | Mapping[str, Any] | Config) -> 
         return source
     if isinstance(source, Mapping):
         return parse_config(dict(source), Path.cwd())
+
+    # A file may come with the package
     if isinstance(source, str | Path) and not os.path.exists(source):
-        from ..scenes.loading import packaged  # With Mitsuba
+        from ..scenes.loading import packaged  # Imports Mitsuba
 
         source = packaged(os.fspath(source)) or source
     given, path = read_toml("config", source)
@@ -148,6 +151,7 @@ def read_config(source: str | os.PathLike[str] | Mapping[str, Any] | Config) -> 
 
 
 def _grid(name: str, value: Any) -> Any:
+    """Check the number of points of a capture."""
     if value is None:
         return None
     if not isinstance(value, list | tuple) or len(value) != 2:
@@ -156,15 +160,17 @@ def _grid(name: str, value: Any) -> Any:
 
 
 def _window(name: str, value: Any) -> tuple[float, float] | None:
+    """Check a time window."""
     return None if value is None else checks.interval(name, value, "[start, end] in metres")
 
 
 def _only(key: str, check: Check) -> Check:
-    """Check of a table with one key, whose value is returned."""
+    """Return the check of a table with one key. The check returns the value of the key."""
     return lambda name, value: checked(name, {key: None} | table(name, value), {key: check})[key]
 
 
 def _frequencies(name: str, value: Any) -> tuple[float, ...]:
+    """Check frequencies [Hz]."""
     from ..films.phasor import parse_frequencies
 
     if not isinstance(value, list | tuple) or not value:
@@ -178,6 +184,7 @@ def _frequencies(name: str, value: Any) -> tuple[float, ...]:
 
 
 def _outputs(name: str, value: Any) -> Outputs:
+    """Check the outputs. At least one output must be set."""
     found = Outputs(**checked(name, table(name, value), OUTPUTS))
     if found == Outputs():
         raise ValueError("outputs: must ask for one output or more, for example transient = true")
@@ -185,10 +192,12 @@ def _outputs(name: str, value: Any) -> Outputs:
 
 
 def _render(name: str, value: Any) -> dict[str, Any]:
-    """Settings of `load_scene`, `window` and `sensor`."""
+    """Check the settings of `load_scene`, `window` and `sensor`."""
     given = checked(name, table(name, value), RENDER)
     if given.get("window") is None:
         return given
+
+    # Convert the window to the start and the width of the bins
     for key in ("start_opl", "bin_width_opl"):
         if key in given:
             raise ValueError(f"render.{key} = {given[key]:g}: must be left out with window")
@@ -199,6 +208,7 @@ def _render(name: str, value: Any) -> dict[str, Any]:
 
 
 def _parameters(name: str, value: Any) -> dict[str, Any]:
+    """Check the parameters of an XML file."""
     given = table(name, value)
     for key, each in given.items():
         checks.instance(f"{name}.{key}", each, bool | str | int | float, "a number or text")
@@ -206,7 +216,7 @@ def _parameters(name: str, value: Any) -> dict[str, Any]:
 
 
 def _plugins(name: str, value: Any) -> dict[str, dict[str, Any]]:
-    """Materials or objects, as dicts for Mitsuba."""
+    """Check materials or objects, and return them as dicts for Mitsuba."""
     given = table(name, value)
     for key, each in given.items():
         if not isinstance(each, Mapping) or not isinstance(each.get("type"), str):
@@ -218,7 +228,10 @@ def _plugins(name: str, value: Any) -> dict[str, dict[str, Any]]:
 
 
 def _require_plain(where: str, value: Any) -> None:
-    """Refuse a value that no plugin takes; some would end the process in Mitsuba's parser."""
+    """Refuse a value that plugins do not support.
+
+    Some of these values would end the process in Mitsuba's parser.
+    """
     if isinstance(value, Mapping):
         for key, part in value.items():
             _require_plain(f"{where}.{key}", part)
@@ -234,6 +247,7 @@ def _require_plain(where: str, value: Any) -> None:
 
 
 def _scene(name: str, value: Any) -> Any:
+    """Check the type of a scene."""
     allowed = "a built-in scene's name, an XML file or, in Python, a dict"
     return checks.instance(name, value, str | os.PathLike | Mapping, allowed)
 
@@ -260,7 +274,7 @@ CONFIG: dict[str, Check] = {
     "parameters": _parameters,
     "render": _render,
     "outputs": _outputs,
-    "sensor": lambda _, value: value,  # Checked where its folder is known
+    "sensor": lambda _, value: value,  # Checked in `parse_config`, where the folder is known
     "normalize_each_record": boolean,
     "materials": _plugins,
     "objects": _plugins,
@@ -276,18 +290,32 @@ DEFAULTS |= {"seed": 0, "retry": 0, "sensor": None, "normalize_each_record": Fal
 
 
 def parse_config(given: dict[str, Any], folder: Path) -> Config:
-    """The config of a mapping, whose names of files start in `folder`."""
+    """Check a mapping and convert it to a `Config`.
+
+    Args:
+        given: Configuration as it was read.
+        folder: Folder to which names of files are relative.
+
+    Raises:
+        ValueError: A key is unknown or missing, or its value is not allowed.
+    """
+    # Check each key
     known_keys("", given, CONFIG)
     for name in REQUIRED:
         if name not in given:
             raise ValueError(f"{name}: must be given")
     found = checked("", DEFAULTS | given, CONFIG)
     scene: Any = found["scene"]
-    varied, render = found.pop("vary"), found.pop("render")
+    varied = found.pop("vary")
+    render = found.pop("render")
+
+    # Find the scene
     if not isinstance(scene, Mapping):
         scene = os.fspath(scene)
         scene = find_scene(str(folder / scene) if scene.lower().endswith(".xml") else scene)
     found["scene"] = scene
+
+    # Read the sensor
     sense = found.pop("sensor")
     if isinstance(sense, str) and sense.endswith(".toml"):
         sense = folder / sense
@@ -298,14 +326,21 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
         raise ValueError(
             "normalize_each_record has no effect without photons_per_cycle in the sensor; remove it"
         )
-    built_in, is_xml = isinstance(scene, str), isinstance(scene, Path)
+
+    # Arguments belong to built-in scenes, parameters to XML files
+    built_in = isinstance(scene, str)
+    is_xml = isinstance(scene, Path)
     if found["arguments"] and not built_in:
         raise ValueError("arguments: must be left out, only built-in scenes have them")
     if found["parameters"] and not is_xml:
         raise ValueError("parameters: must be left out, only XML files have them")
+
+    # The grid of a capture is the size of the film
     sized = [name for name in ("width", "height") if name in render]
     if sized and found["outputs"].capture is not None and found["outputs"].capture.grid is not None:
         raise ValueError(f"render.{sized[0]}: must be left out with outputs.capture.grid")
+
+    # Does the scene have the varied argument or parameter?
     owners = {"argument": (built_in, "a built-in scene"), "parameter": (is_xml, "an XML file")}
     for name, each in varied.items():
         fits, owner = owners.get(each.target, (True, ""))
@@ -331,7 +366,8 @@ def _require_once(varied: Mapping[str, Varied], fixed: Mapping[str, Mapping[str,
     """Refuse a part of the scene that is varied twice, or is varied and has a fixed value."""
     owners: dict[tuple[str, str], str] = {}
     for name, each in varied.items():
-        part, where = (each.target, str(each.part)), f"vary.{name}.{each.target} = {each.part!r}"
+        part = (each.target, str(each.part))
+        where = f"vary.{name}.{each.target} = {each.part!r}"
         if each.part in fixed.get(each.target, ()):
             raise ValueError(f"{where}: is in [{each.target}s] too; must be in one of both")
         if each.target not in REPEATABLE and part in owners:
@@ -340,7 +376,7 @@ def _require_once(varied: Mapping[str, Varied], fixed: Mapping[str, Mapping[str,
 
 
 def _plain(given: Mapping[str, Any], scene: Any) -> dict[str, Any]:
-    """Convert the configuration to what JSON can hold."""
+    """Convert the configuration to a form that JSON supports."""
     found = dict(given)
     if isinstance(scene, Path):
         found["scene"] = os.fspath(given["scene"])
@@ -350,7 +386,7 @@ def _plain(given: Mapping[str, Any], scene: Any) -> dict[str, Any]:
 
 
 def _checksum(scene: Any) -> str:
-    """Checksum of a scene that is a file or a dict; built-in ones have none."""
+    """Return the checksum of a scene that is a file or a dict, otherwise an empty text."""
     if isinstance(scene, str):
         return ""
     is_file = isinstance(scene, Path)
@@ -359,7 +395,7 @@ def _checksum(scene: Any) -> str:
 
 
 def _as_json(value: Any) -> Any:
-    """An array or a number of NumPy's, a transform, or the kind of another object."""
+    """Convert an array or a transform to lists, and another object to the name of its type."""
     if hasattr(value, "tolist"):
         return value.tolist()
     if hasattr(value, "matrix"):

@@ -1,7 +1,7 @@
-"""Distributions that quantities of a data set are drawn from, and the check of each.
+"""Distributions of the quantities of a data set.
 
-A draw is plain: a number, a list of numbers, text, or a list of names. Draws are quantiles of the
-numbers of a `Source`, never rejected, so that equal seeds always give equal data sets.
+A draw is a number, a list of numbers, text, or a list of names. Draws are quantiles of the numbers
+of a `Source`. Draws are never rejected, so that equal seeds always give equal data sets.
 """
 
 import math
@@ -21,26 +21,36 @@ INFINITE = (-math.inf, math.inf)
 class Distribution:
     """The distribution of one quantity."""
 
-    draw: Callable[[Source], Any]  # gives the value of a record
-    # how many numbers a draw has, 0 for a single one that is no list, None for others
+    draw: Callable[[Source], Any]  # returns the value of a record
+    # count of numbers in a draw; 0 for a number that is not a list, None for text and names
     length: int | None = None
     bounds: tuple[float, float] = INFINITE  # least and largest number that can be drawn
-    values: tuple[Any, ...] | None = None  # all values of a choice, None for other distributions
+    values: tuple[Any, ...] | None = None  # all values of a choice; None for other distributions
 
 
 def parse_distribution(where: str, table: Table) -> Distribution:
-    """The distribution of a table `vary.NAME`, of which `where` is the name."""
+    """Read the distribution of a varied quantity.
+
+    Args:
+        where: Name of the table for messages, `vary.NAME`.
+        table: Table of the quantity.
+
+    Raises:
+        ValueError: The distribution is unknown, or one of its parameters is wrong.
+    """
     kind = checks.one_of(f"{where}.distribution", table.get("distribution"), _KINDS)
     parse, _ = _KINDS[kind]
     return parse(where, table)
 
 
 def _uniform(where: str, table: Table) -> Distribution:
+    """Uniform distribution from `low` to `high`."""
     ranges, single = _ranges(where, table)
     return _of_entries(lambda u, a, b: a + u * (b - a), ranges, ranges, single)
 
 
 def _log_uniform(where: str, table: Table) -> Distribution:
+    """Distribution with a uniform logarithm."""
     ranges, single = _ranges(where, table)
     least = min(low for low, _ in ranges)
     checks.require(f"{where}.low", table["low"], least > 0, "above 0 with log_uniform")
@@ -48,9 +58,10 @@ def _log_uniform(where: str, table: Table) -> Distribution:
 
 
 def _normal(where: str, table: Table) -> Distribution:
-    """Normal distribution, truncated to the limits if they are given."""
+    """Normal distribution, truncated to `low` and `high` if these are set."""
     from scipy.special import ndtr, ndtri
 
+    # Read the parameters, and repeat single numbers
     given = {name: table.get(name) for name in ("mean", "deviation")}
     given |= {name: table[name] for name in ("low", "high") if name in table}
     entries = {name: _numbers(f"{where}.{name}", value) for name, value in given.items()}
@@ -59,12 +70,14 @@ def _normal(where: str, table: Table) -> Distribution:
     for name, limit in zip(("low", "high"), INFINITE, strict=True):
         entries.setdefault(name, (limit,))
     wide = {n: _repeated(f"{where}.{n}", given.get(n), v, count) for n, v in entries.items()}
+
+    # Find the probabilities of the limits
     parameters = []
     columns = [wide[name] for name in ("mean", "deviation", "low", "high")]
     for mean, deviation, low, high in zip(*columns, strict=True):
         checks.require(f"{where}.deviation", table["deviation"], deviation > 0, "above 0")
         checks.require(f"{where}.low", table.get("low"), low < high, "below high")
-        side = -1.0 if low > mean else 1.0  # Tails are precise on the low side only
+        side = -1.0 if low > mean else 1.0  # `ndtr` is precise in the lower tail only
         edges = sorted(side * (limit - mean) / deviation for limit in (low, high))
         first, last = (float(ndtr(edge)) for edge in edges)
         if not first < last:
@@ -85,7 +98,14 @@ def _of_entries(
     ranges: Sequence[tuple[float, float]],
     single: bool,
 ) -> Distribution:
-    """Independent entries, each with parameters of the quantile function and a range."""
+    """Distribution with independent entries.
+
+    Args:
+        quantile: Quantile function. Its arguments are a number in (0, 1) and the parameters.
+        parameters: Parameters of each entry.
+        ranges: Smallest and largest value of each entry.
+        single: Whether a draw is a number instead of a list.
+    """
 
     def draw(source: Source) -> float | list[float]:
         values = [
@@ -99,10 +119,13 @@ def _of_entries(
 
 
 def _choice(where: str, table: Table) -> Distribution:
+    """Choice of one of `values`, with probabilities proportional to `weights`."""
     given = table.get("values")
     if not isinstance(given, list | tuple) or not given:
         raise ValueError(f"{where}.values = {given!r}: must be a list of one value or more")
     values = tuple(_plain(f"{where}.values", value) for value in given)
+
+    # Weights are equal by default
     given_weights = table.get("weights", [1.0] * len(values))
     weights = _numbers(f"{where}.weights", given_weights)
     right = isinstance(given_weights, list | tuple) and len(weights) == len(values)
@@ -113,14 +136,18 @@ def _choice(where: str, table: Table) -> Distribution:
 
 
 def _one_of(values: tuple[Any, ...], weights: Numbers) -> Distribution:
+    """Choice of one of some checked values."""
+
     def draw(source: Source) -> Any:
         left = source.number() * math.fsum(weights)
         for value, weight in zip(values, weights, strict=True):
             left -= weight
             if left < 0:
                 return value
+        # Rounding has left a remainder: return the last value with a weight above 0
         return next(v for v, w in zip(values[::-1], weights[::-1], strict=True) if w)
 
+    # Bounds of the numbers, if there are numbers
     entries = [n for v in values for n in (v if isinstance(v, list) else [v])]
     numbers = [n for n in entries if isinstance(n, int | float) and not isinstance(n, bool)]
     bounds = (min(numbers), max(numbers)) if numbers else INFINITE
@@ -129,13 +156,14 @@ def _one_of(values: tuple[Any, ...], weights: Numbers) -> Distribution:
 
 
 def _fixed(where: str, table: Table) -> Distribution:
+    """Distribution with the same value in all records."""
     if "value" not in table:
         raise ValueError(f"{where}.value: must be given with fixed")
     return _one_of((_plain(f"{where}.value", table["value"]),), (1.0,))
 
 
 def _subset(where: str, table: Table) -> Distribution:
-    """Some of the names: how many is uniform, and so is which."""
+    """Random subset of names. The size is uniform, and subsets of equal size are equally likely."""
     names = tuple(table.get("present", ()))
     least = checks.integer(f"{where}.least", table.get("least", 0), 0, len(names))
     most = checks.integer(f"{where}.most", table.get("most", len(names)), least, len(names))
@@ -150,12 +178,16 @@ def _subset(where: str, table: Table) -> Distribution:
 
 
 def _on_sphere(where: str, table: Table) -> Distribution:
-    """A point on a sphere or on a cap of it, uniform by area; its radius is uniform, too."""
+    """Point on a sphere or on a cap of the sphere, uniform by area. The radius is uniform, too."""
+    # Check center and radius
     center = checks.point(f"{where}.center", table.get("center", [0.0, 0.0, 0.0]))
     radius = _numbers(f"{where}.radius", table.get("radius"))
-    low, high = min(radius), max(radius)
+    low = min(radius)
+    high = max(radius)
     valid = low > 0 and list(radius) in ([high], [low, high])
     checks.require(f"{where}.radius", table.get("radius"), valid, "above 0, or [least, largest]")
+
+    # Check axis and angle of the cap
     axis = checks.point(f"{where}.axis", table.get("axis", [0.0, 1.0, 0.0]))
     norm = math.hypot(*axis)
     if not norm > 0:
@@ -166,9 +198,11 @@ def _on_sphere(where: str, table: Table) -> Distribution:
     first, second = _perpendicular(unit)
 
     def draw(source: Source) -> list[float]:
+        # Sample radius and direction, and rotate the direction to the axis
         r = low + (high - low) * source.number(2)
         cos = 1 - source.number(0) * (1 - math.cos(math.radians(angle)))
-        sin, phi = math.sqrt(max(0.0, 1 - cos * cos)), 2 * math.pi * source.number(1)
+        sin = math.sqrt(max(0.0, 1 - cos * cos))
+        phi = 2 * math.pi * source.number(1)
         local = sin * math.cos(phi), sin * math.sin(phi), cos
         return [
             c + r * (local[0] * u + local[1] * v + local[2] * w)
@@ -179,7 +213,7 @@ def _on_sphere(where: str, table: Table) -> Distribution:
 
 
 def _perpendicular(axis: Sequence[float]) -> tuple[Numbers, Numbers]:
-    """Two unit vectors that make an orthonormal frame with a third (Duff et al. 2017)."""
+    """Return two unit vectors that form an orthonormal frame with `axis` (Duff et al. 2017)."""
     x, y, z = axis
     sign = math.copysign(1.0, z)
     a = -1 / (sign + z)
@@ -196,24 +230,28 @@ _KINDS: dict[str, tuple[Callable[[str, Table], Distribution], tuple[str, ...]]] 
     "on_sphere": (_on_sphere, ("center", "radius", "axis", "angle")),
     "subset": (_subset, ("least", "most")),
 }
-KEYS = {name: keys for name, (_, keys) in _KINDS.items()}  # The keys of each distribution
+KEYS = {name: keys for name, (_, keys) in _KINDS.items()}
+"""Keys of each distribution."""
 
 
 def _ranges(where: str, table: Table) -> tuple[list[tuple[float, float]], bool]:
-    """Low and high of each entry, and whether they are for a single number."""
+    """Return low and high of each entry, and whether a draw is a number instead of a list."""
+    # Read both keys, and repeat single numbers
     given = [table.get("low"), table.get("high")]
     low, high = (_numbers(f"{where}.{n}", v) for n, v in zip(("low", "high"), given, strict=True))
     count = max(len(low), len(high))
     low = _repeated(f"{where}.low", given[0], low, count)
     high = _repeated(f"{where}.high", given[1], high, count)
+
+    # Entries of a list may be fixed, but not all of them
     pairs = list(zip(low, high, strict=True))
-    if any(a > b for a, b in pairs) or all(a == b for a, b in pairs):  # A coordinate may be fixed
+    if any(a > b for a, b in pairs) or all(a == b for a, b in pairs):
         raise ValueError(f"{where}.low = {given[0]!r}: must be below high = {given[1]!r}")
     return pairs, not any(isinstance(value, list | tuple) for value in given)
 
 
 def _numbers(where: str, value: Any) -> Numbers:
-    """A number or a list of them, as a tuple."""
+    """Check a number or a list of numbers, and return a tuple."""
     if not isinstance(value, list | tuple):
         return (checks.number(where, value),)
     if not value:
@@ -222,14 +260,14 @@ def _numbers(where: str, value: Any) -> Numbers:
 
 
 def _repeated(where: str, given: Any, numbers: Numbers, count: int) -> Numbers:
-    """The numbers of a key, a single one repeated to as many as the other keys have."""
+    """Return `count` numbers. A single number is repeated."""
     if len(numbers) not in (1, count):
         raise ValueError(f"{where} = {given!r}: must have {count} numbers, as other keys have")
     return numbers * count if len(numbers) == 1 else numbers
 
 
 def _plain(where: str, value: Any) -> Any:
-    """A value that may be drawn: a number, text, True or False, or a list of numbers or names."""
+    """Check a value of a choice: a number, text, True, False, or a list of numbers or names."""
     if isinstance(value, bool | str):
         return value
     if isinstance(value, list | tuple):
@@ -240,11 +278,13 @@ def _plain(where: str, value: Any) -> Any:
 
 
 def _plain_number(where: str, value: Any) -> float | int:
+    """Check a number. Integers stay integers."""
     number = checks.number(where, value)
     return int(value) if isinstance(value, int) else number
 
 
 def _length(value: Any) -> int | None:
+    """Return the length of a value as in `Distribution.length`."""
     if isinstance(value, list):
         return len(value) if value and not isinstance(value[0], str) else None
     return None if isinstance(value, str | bool) else 0

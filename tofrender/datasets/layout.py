@@ -1,4 +1,4 @@
-"""Arrays of a data set: their names, axes and sizes."""
+"""Names, axes and sizes of the arrays of a data set."""
 
 from __future__ import annotations
 
@@ -21,18 +21,20 @@ from ..sensors import sense
 from .config import Config, Outputs
 from .scene import load, scene_of
 
-PIXELS, WALL, LASERS = ("y", "x"), ("wall_y", "wall_x"), ("laser_y", "laser_x")
+PIXELS = ("y", "x")
+WALL = ("wall_y", "wall_x")
+LASERS = ("laser_y", "laser_x")
 GEOMETRY = ("sensor_grid", "sensor_normals", "laser_grid", "laser_normals")
 ORIGINS = ("sensor_origin", "laser_origin")
 RADIANCE = "W m^-2 sr^-1"
 
 
 class ArrayKind(NamedTuple):
-    """Axes of a record's part of an array, units and long name as in CF, and type of numbers."""
+    """Properties of an array, for one record."""
 
-    axes: tuple[str, ...]
-    units: str = ""
-    long_name: str = ""
+    axes: tuple[str, ...]  # without the axis `record`
+    units: str = ""  # as in the CF conventions
+    long_name: str = ""  # as in the CF conventions
     dtype: str = "float32"
 
 
@@ -60,36 +62,36 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Array:
-    """An array; axes and shape are those of a record's part of it."""
+    """Array of a data set."""
 
     name: str
-    axes: tuple[str, ...]
-    shape: tuple[int, ...]
+    axes: tuple[str, ...]  # without the axis `record`
+    shape: tuple[int, ...]  # of one record
     dtype: str = "float32"
 
     @property
     def bytes(self) -> int:
-        """Size of a record's part."""
+        """Size of one record [bytes]."""
         return math.prod(self.shape) * np.dtype(self.dtype).itemsize
 
 
 @dataclass(frozen=True)
 class DatasetLayout:
-    """All arrays of a data set."""
+    """All arrays of a data set, and their axes."""
 
     arrays: tuple[Array, ...]
     axes: dict[str, np.ndarray] = field(repr=False)  # coordinates by name
     window: tuple[float, float] | None  # start and width of the time bins [m]
     scene: str = ""  # fingerprint of the first scene, with the bytes of its files
-    capture_mode: str | None = None  # of the captures; None without captures
+    capture_mode: str | None = None  # mode of the captures; None without captures
 
     @property
     def bytes(self) -> int:
-        """Size of a record."""
+        """Size of all arrays of one record [bytes]."""
         return sum(array.bytes for array in self.arrays)
 
     def check(self, made: Mapping[str, np.ndarray]) -> None:
-        """Refuse a record whose arrays have other shapes than those of the others."""
+        """Refuse a record if one of its arrays has another shape than in the other records."""
         for array in self.arrays:
             if made[array.name].shape != array.shape:
                 raise ValueError(
@@ -99,14 +101,27 @@ class DatasetLayout:
 
 
 def layout_of(config: Config, records: list[int]) -> DatasetLayout:
-    """The arrays of a data set, by the first of its scenes that can be loaded."""
+    """Find the arrays of a data set from the scene of the first record.
+
+    Args:
+        config: Description of the data set.
+        records: Numbers of the records.
+
+    Raises:
+        ValueError: The scene cannot be loaded, or it lacks time bins that the outputs need.
+    """
+    # Load the scene
     scene = _first_scene(config, records)
     camera: Any = require_sensor(scene, config.sensor, "render.sensor")
     film = camera.film()
-    outputs, capture = config.outputs, config.outputs.capture
+    outputs = config.outputs
+    capture = config.outputs.capture
     width, height = (int(v) for v in film.crop_size())
     channels = 1 if mi.is_monochromatic else 3
-    window, opl = None, np.zeros(0)
+
+    # Find the time bins
+    window = None
+    opl = np.zeros(0)
     if outputs.rendered or outputs.noisy or capture or config.sense is not None:
         if time_bins(film) is None:
             raise ValueError(
@@ -116,6 +131,8 @@ def layout_of(config: Config, records: list[int]) -> DatasetLayout:
         height, width, bins, channels = timed.shape
         window = float(timed.start_opl), float(timed.bin_width_opl)
         opl = window[0] + (np.arange(bins) + 0.5) * window[1]
+
+    # Find the coordinates of each axis
     mode = None
     if capture is not None:
         mode = capture_mode(scene, camera, capture.mode)
@@ -130,7 +147,10 @@ def layout_of(config: Config, records: list[int]) -> DatasetLayout:
         "laser_y": np.arange(1 if single else height),
         "laser_x": np.arange(1 if single else width),
     }
-    arrays, axes = [], {}
+
+    # List the arrays of the outputs
+    arrays = []
+    axes = {}
     for name in _names(outputs, mode):
         kind = KINDS[name]
         its = kind.axes
@@ -138,12 +158,16 @@ def layout_of(config: Config, records: list[int]) -> DatasetLayout:
             its = (*LASERS, *its)
         arrays.append(Array(name, its, tuple(len(coordinates[axis]) for axis in its), kind.dtype))
         axes |= {axis: coordinates[axis] for axis in its}
-    if config.sense is not None:  # Shapes are those of a dim film
+
+    # Measure a dim film to find the arrays of the sensor
+    if config.sense is not None:
         dim = np.full(timed.shape, 1e-12, np.float32)
         attrs = {"quantity": "radiance per bin"}
         attrs |= {"start_opl": timed.start_opl, "bin_width_opl": timed.bin_width_opl}
         film = transient_dataset({"transient": dim, "steady": dim[:, :, 0]}, timed, attrs)
-        measured = sense(film, config.sense).drop_vars("cycles")  # The config has them
+        measured = sense(film, config.sense).drop_vars(
+            "cycles"
+        )  # The configuration contains the cycles
         for name, values in measured.items():
             its = tuple(f"sensor_{axis}" for axis in values.dims)
             dtype = "bool" if values.dtype == bool else "float32"
@@ -154,12 +178,14 @@ def layout_of(config: Config, records: list[int]) -> DatasetLayout:
 
 
 def _names(outputs: Outputs, capture_mode: str | None) -> list[str]:
-    """Names of the arrays of these outputs, with captures in some mode."""
+    """Return the names of the arrays of these outputs."""
     rendered = ("transient", "steady", "noisy", "phasor", "depth", "normals")
     names = [name for name in rendered if getattr(outputs, name)]
     capture = outputs.capture
     if capture is None:
         return names
+
+    # In confocal captures, the laser follows the sensor
     with_laser = capture_mode != "confocal"
     geometry = [name for name in GEOMETRY if with_laser or not name.startswith("laser")]
     names += ["capture", *["hidden_depth"] * capture.hidden_depth, "capture_on_wall"]
@@ -167,6 +193,7 @@ def _names(outputs: Outputs, capture_mode: str | None) -> list[str]:
 
 
 def _first_scene(config: Config, records: list[int]) -> mi.Scene:
+    """Load the scene of the first record, and draw again if it cannot be loaded."""
     for attempt in range(config.retry):
         with suppress(ValueError):
             return load(scene_of(config, config.draw(records[0], attempt)), config)
@@ -175,12 +202,12 @@ def _first_scene(config: Config, records: list[int]) -> mi.Scene:
 
 @dataclass(frozen=True)
 class DatasetPlan:
-    """Plan of a data set, before any work: `print` shows its arrays, shapes and sizes.
+    """Plan of a data set. `print` shows its arrays with their shapes and sizes.
 
     Attributes:
-        config: The data set's description.
+        config: Description of the data set.
         records: Numbers of the records.
-        layout: Their arrays.
+        layout: Arrays of the data set.
     """
 
     config: Config
@@ -189,15 +216,18 @@ class DatasetPlan:
 
     @property
     def bytes(self) -> int:
-        """Size of all arrays."""
+        """Size of all arrays [bytes]."""
         return len(self.records) * self.layout.bytes
 
     def __str__(self) -> str:
+        # Summarize the records
         count = len(self.records)
         varied = ", ".join(self.config.varied) or "nothing"
         scene = self.config.plain["scene"]
         some = f"{count} record{'s' * (count != 1)} of {scene}"
         some += f" (of {self.config.records})" if count != self.config.records else ""
+
+        # List the arrays as a table
         rows = [("array", "axes", "shape", "size")] + [
             (
                 array.name,

@@ -1,4 +1,4 @@
-"""Make data sets: plan, render records in this process or by workers, and finish."""
+"""Make data sets: plan the arrays, render the records here or on workers, and write attributes."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def plan_dataset(
     """Plan a data set: arrays, shapes and sizes. Nothing is rendered.
 
     Args:
-        config: As for `make_dataset`.
-        only: Numbers of some records.
+        config: Name of a TOML file, or a mapping with the same keys, see docs/datasets.md.
+        only: Numbers of the records; by default all.
 
     Returns:
-        The plan, which `print` shows.
+        The plan. `print` shows its arrays.
 
     Raises:
-        ValueError: As for `make_dataset`.
+        ValueError: The configuration is wrong.
 
     Example:
         >>> given = {"records": 100, "scene": "cornell_box", "outputs": {"depth": True}}
@@ -80,34 +80,38 @@ def make_dataset(
 ) -> xr.Dataset:
     """Render many scenes with varied cameras, lights, materials and objects into one data set.
 
-    What is drawn for a record depends on the config's seed, the record's number and the quantity's
-    name only, and its renders on the same: any record can be made again alone.
-    See also `load_dataset`.
+    The draws and the renders of a record depend only on the seed of the configuration, the number
+    of the record and the names of the quantities. Therefore each record can be made again
+    separately. See also `load_dataset`.
 
     Args:
-        config: The name of a TOML file, or a mapping with the same keys; docs/datasets.md has all.
-        out: Name of a new folder that ends in .zarr. It appears when all records are there.
+        config: Name of a TOML file, or a mapping with the same keys, see docs/datasets.md.
+        out: Name of a new folder that ends in .zarr. The folder appears when all records are
+            finished.
         only: Numbers of the records to make; by default all.
-        client: A `distributed.Client`, whose workers make a record each; they see the folder too.
-        resume: Whether to go on with records of a run that was stopped or killed, those whose
-            checksums hold; else such a run is refused.
-        tell: Is called with the plan, and with what time it will take.
-        again: How to go on, for the message of a run that was stopped.
-        progress: Whether to show a bar for work that takes more than two seconds.
+        client: A `distributed.Client`. Each of its workers makes one record at a time. The workers
+            need access to the folder.
+        resume: Whether to resume a run that was stopped or killed. Records with a correct checksum
+            are kept. If this is False, an unfinished run is refused.
+        tell: Function that is called with the plan, and with an estimate of the remaining time.
+        again: How to resume, for the message of a run that was stopped.
+        progress: Whether to show a progress bar for work that needs more than two seconds.
 
     Returns:
         The data set as `load_dataset` opens it.
 
     Raises:
-        ValueError: The config is wrong, differs from that of the run to go on with, or a record
-            cannot be made; one line.
-        FileExistsError: The folder is there, or a stopped run and `resume` is False; one line.
-        OSError: The disk has no room; one line.
-        KeyboardInterrupt: It was stopped; one line that says how to go on, if records are missing.
-        ConnectionError: The scheduler of the workers was lost; likewise.
+        ValueError: The configuration is wrong, it differs from the configuration of the unfinished
+            run, or a record cannot be made.
+        FileExistsError: The folder exists, or `resume` is False and an unfinished run exists.
+        OSError: The disk is too small.
+        KeyboardInterrupt: The run was stopped. If records are missing, the message describes how to
+            resume.
+        ConnectionError: The scheduler of the workers was lost. The message is the same.
 
     Warns:
-        UserWarning: Renders of some records warned; it says how many, and what of the first.
+        UserWarning: Renders of some records issued warnings. The warning contains their number, and
+            the first warning.
 
     Example:
         >>> import tempfile
@@ -121,6 +125,7 @@ def make_dataset(
         >>> dict(made["steady"].sizes)
         {'record': 2, 'y': 8, 'x': 8, 'channel': 3}
     """
+    # Is there an unfinished run?
     target = check_film(out)
     require_zarr()
     folder = under_way(target)
@@ -129,14 +134,20 @@ def make_dataset(
             f"out = {out}: an unfinished data set is beside it, {folder}; must be gone on with "
             "(resume) or removed"
         )
+
+    # Plan the data set
     plan = plan_dataset(config, only)
     if client is not None:
         check_client(client)
     tell(str(plan))
+
     with atomic.locked(target, "out"):
+        # Is the disk large enough?
         written = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
         if shutil.disk_usage(atomic.existing_parent(folder)).free < plan.bytes - written:
             raise atomic.disk_full(folder, plan.bytes)
+
+        # Find the records that are left
         with held_signals():
             store = StoredRecords.begin(folder, _recipe(plan), plan)
         receipts = {record: store.receipt(record) for record in plan.records}
@@ -144,6 +155,8 @@ def make_dataset(
         count = len(plan.records)
         if len(left) < count:
             tell(f"resuming from {count - len(left)} of {count} records")
+
+        # Make the records
         done = _make(plan, store, folder, client, left, receipts)
         started = time.perf_counter()
         with ProgressBar("Making", count, unit="record", enabled=progress) as bar:
@@ -158,8 +171,10 @@ def make_dataset(
                 finished = sum(receipt is not None for receipt in receipts.values())
                 on = again or f"the same call goes on with {folder}"
                 raise stopped(error, finished, count, "records", on) from None
-        with held_signals():  # All records are there: what is left is done in a moment
-            # Of a slow record that two workers made, the last one's receipt is the one that counts
+
+        # Finish the data set, which is fast. If two workers made the same record, the
+        # receipt on disk is the valid receipt
+        with held_signals():
             found = {record: store.unchecked_receipt(record) for record in plan.records}
             store.finish(plan, found, _attributes(plan, found), target)
     _warn_of_records(found)
@@ -171,8 +186,20 @@ def require_complete(
     out: str | os.PathLike[str],
     only: Iterable[int] | None = None,
 ) -> xr.Dataset:
-    """Load a finished data set, and refuse one of another config or of other files."""
-    found, plan = load_dataset(out), plan_dataset(config, only)
+    """Load a finished data set, and refuse it if it was made from another configuration or files.
+
+    Args:
+        config: Description of the expected data set.
+        out: Folder of the data set.
+        only: Numbers of the expected records; by default all.
+
+    Raises:
+        ValueError: The configuration, the files, the variant or the records differ.
+    """
+    found = load_dataset(out)
+    plan = plan_dataset(config, only)
+
+    # Compare what the data set was made from
     wanted = {
         "config": json.dumps(plan.config.plain),
         "variant": mi.variant(),
@@ -187,11 +214,12 @@ def require_complete(
 
 
 def under_way(out: str | os.PathLike[str]) -> Path:
-    """Folder of a data set until it is finished."""
+    """Return the folder of an unfinished data set."""
     return atomic.sibling(out, ".dataset")
 
 
 def _numbers(config: Config, only: Iterable[int] | None) -> list[int]:
+    """Check and sort the numbers of records."""
     if only is None:
         return list(range(config.records))
     if isinstance(only, str | bytes) or not isinstance(only, Iterable):
@@ -203,6 +231,7 @@ def _numbers(config: Config, only: Iterable[int] | None) -> list[int]:
 
 
 def _recipe(plan: DatasetPlan) -> dict[str, Any]:
+    """Return what must be equal if an unfinished data set is resumed."""
     layout = plan.layout
     return {
         "config": {name: value for name, value in plan.config.plain.items() if name != "records"},
@@ -218,7 +247,7 @@ def _recipe(plan: DatasetPlan) -> dict[str, Any]:
 
 
 def _files_digest(plan: DatasetPlan) -> str:
-    """Checksum of what identifies the first scene, and of all files that the config names."""
+    """Return the checksum of the first scene and of all files that the configuration names."""
     names = sorted({text for text in _texts(plan.config.given) if "." in text})
     files = [plan.config.folder / name for name in names]
     parts = [plan.layout.scene, *(file_digest(file) for file in files if file.is_file())]
@@ -226,7 +255,7 @@ def _files_digest(plan: DatasetPlan) -> str:
 
 
 def _texts(value: Any) -> Iterator[str]:
-    """Texts in nested tables and lists."""
+    """Yield all texts in nested tables and lists."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping | list | tuple):
@@ -242,9 +271,9 @@ def _make(
     left: list[int],
     receipts: Mapping[int, RecordReceipt | None],
 ) -> Iterator[tuple[int, RecordReceipt]]:
-    """Make the records that are left, in this process or by workers.
+    """Make the remaining records, in this process or on workers.
 
-    If all records share one factor from radiance to photons, the factor is that of record 0.
+    If all records share one factor from radiance to photons, they use the factor of record 0.
     """
 
     def make(records: list[int], factor: float | None) -> Iterator[tuple[int, RecordReceipt]]:
@@ -253,9 +282,10 @@ def _make(
         task = _worker_task(plan, folder, factor)
         return distribute(client, partial(_make_on_worker, task), records)
 
+    # Find the common factor
     factor = None
     if plan.config.shares_photons and left:
-        # Every finished record has the factor in its receipt
+        # The receipt of each finished record contains the factor
         finished = [receipt for receipt in receipts.values() if receipt is not None]
         if finished:
             factor = finished[0].about[FACTOR]
@@ -266,6 +296,8 @@ def _make(
             left = left[1:]
         else:
             factor = make_record(plan.config, plan.layout, 0)[1].about[FACTOR]
+
+    # Make the records
     if left:
         yield from make(left, factor)
 
@@ -276,13 +308,14 @@ def _make_locally(
     """Make records in this process."""
     for record in records:
         arrays, receipt = make_record(plan.config, plan.layout, record, factor)
-        with deferred_stop() as stop:  # A record is there whole or not at all, and is counted
+        with deferred_stop() as stop:  # Write and count a complete record, or nothing
             receipt = store.write_part(record, arrays, receipt)
         yield record, receipt
         stop.take_effect()
 
 
 def _estimate(record: int, receipt: RecordReceipt, count: int, started: float, client: Any) -> str:
+    """Return a line with the time of the first record and an estimate of the remaining time."""
     rest_s = (count - 1) * receipt.seconds
     if client is not None:
         rest_s /= max(1, len(client.scheduler_info()["workers"]))
@@ -292,6 +325,7 @@ def _estimate(record: int, receipt: RecordReceipt, count: int, started: float, c
 
 
 def _time(seconds: float) -> str:
+    """Format a time in a suitable unit."""
     for unit, of in (("s", 60.0), ("min", 60.0), ("h", 48.0)):
         if seconds < of * 1.5:
             return f"{seconds:.2g} {unit}" if seconds < 9.5 else f"{seconds:.0f} {unit}"
@@ -300,7 +334,9 @@ def _time(seconds: float) -> str:
 
 
 def _attributes(plan: DatasetPlan, receipts: Mapping[int, RecordReceipt]) -> dict[str, Any]:
-    config, window = plan.config, plan.layout.window
+    """Return the attributes of a finished data set."""
+    config = plan.config
+    window = plan.layout.window
     found: dict[str, Any] = {
         "kind": KIND,
         "config": json.dumps(config.plain),
@@ -319,7 +355,7 @@ def _attributes(plan: DatasetPlan, receipts: Mapping[int, RecordReceipt]) -> dic
 
 
 def _warn_of_records(receipts: Mapping[int, RecordReceipt]) -> None:
-    """Repeat the first warning of the renders."""
+    """Warn if renders issued warnings, with the first of the warnings."""
     texts = {record: receipt.warnings for record, receipt in receipts.items() if receipt.warnings}
     if texts:
         first = min(texts)
@@ -332,19 +368,20 @@ def _warn_of_records(receipts: Mapping[int, RecordReceipt]) -> None:
 
 @dataclass(frozen=True)
 class WorkerTask:
-    """Task of a worker that makes records; names of files are relative to the folder `base`."""
+    """Input of a worker that makes records."""
 
-    given: Mapping[str, Any]
-    base: str
+    given: Mapping[str, Any]  # configuration before the checks
+    base: str  # folder to which names of files are relative
     layout: DatasetLayout
-    folder: str
-    checksum: str
-    photons_per_radiance: float | None  # factor of all records; None if each has its own
+    folder: str  # folder of the unfinished data set
+    checksum: str  # checksum of the scene
+    photons_per_radiance: float | None  # factor of all records; None for a factor of each record
     variant: str = field(default_factory=lambda: mi.variant() or "")
     key: str = field(default_factory=lambda: uuid.uuid4().hex)
 
 
 def _worker_task(plan: DatasetPlan, folder: Path, photons_per_radiance: float | None) -> WorkerTask:
+    """Describe the work on the records of a plan."""
     config = plan.config
     given = {name: packed(name, value) for name, value in config.given.items()}
     if not isinstance(config.scene, Mapping):
@@ -360,7 +397,7 @@ def _worker_task(plan: DatasetPlan, folder: Path, photons_per_radiance: float | 
 
 
 def _make_on_worker(task: WorkerTask, record: int) -> RecordReceipt:
-    """Make a record in a worker."""
+    """Make and store a record in a worker, unless another worker has stored the record."""
     config = kept_by_worker(task.key, task.variant, partial(_config_of, task))
     store = StoredRecords(Path(task.folder))
     receipt = store.receipt(record)

@@ -1,8 +1,8 @@
-"""Random numbers of data sets: hashes of seed, record, attempt, name and index, nothing else.
+"""Random numbers of data sets: hashes of seed, record, attempt, name and index.
 
-The i-th number of a quantity in a record is (n + 1/2) / 2^52, where n is the first 52 bits of the
-SHA-256 of the text `tofrender/SEED/RECORD/ATTEMPT/NAME/I`: the same on every machine and with every
-version of every library, whatever else is drawn, in whatever order.
+The i-th number of a quantity in a record is (n + 1/2) / 2^52. Here n is the first 52 bits of the
+SHA-256 of the text `tofrender/SEED/RECORD/ATTEMPT/NAME/I`. The number does not depend on the
+machine, on versions of libraries, or on other draws and their order.
 """
 
 import hashlib
@@ -10,20 +10,20 @@ from dataclasses import dataclass
 
 from ..runtime import checks
 
-BITS = 52  # Bits of n: one fewer than a float has, which then holds n + 1/2 exactly
+BITS = 52  # Bits of n. A float has one bit more, so that n + 1/2 is exact
 
 
 @dataclass(frozen=True)
 class Source:
-    """The random numbers of one quantity in one record."""
+    """Random numbers of one quantity in one record."""
 
-    seed: int  # of the data set
+    seed: int  # seed of the data set
     record: int  # number of the record
-    name: str  # of the quantity
-    attempt: int = 0  # how many times the record was drawn before
+    name: str  # name of the quantity
+    attempt: int = 0  # number of earlier draws of the same record
 
     def number(self, index: int = 0) -> float:
-        """The number `index`, inside (0, 1).
+        """Return the number with an index, in (0, 1).
 
         Example:
             >>> Source(0, 17, "lamp").number() == Source(0, 17, "lamp").number()
@@ -34,9 +34,10 @@ class Source:
         return ((self._digest(index) >> (256 - BITS)) + 0.5) / (1 << BITS)
 
     def integer(self) -> int:
-        """An integer in [0, 2^32), a seed for a render."""
+        """Return an integer in [0, 2^32), for the seed of a render."""
         return self._digest(0) >> 224 & checks.MAX_SEED
 
     def _digest(self, index: int) -> int:
+        """Return the SHA-256 for an index as an integer of 256 bits."""
         text = f"tofrender/{self.seed}/{self.record}/{self.attempt}/{self.name}/{index}"
         return int.from_bytes(hashlib.sha256(text.encode()).digest())

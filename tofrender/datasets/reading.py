@@ -1,4 +1,4 @@
-"""Read data sets lazily, and the render or the capture of one record."""
+"""Open data sets without reading their arrays, and read the render or the capture of a record."""
 
 import json
 import os
@@ -19,29 +19,31 @@ from .layout import RADIANCE
 
 KIND = "tofrender data set"
 BINS = "temporal_bins"
-"""Attribute of a loaded data set: number of the bins of its renders."""
+"""Attribute of a loaded data set: number of time bins of its renders."""
 
 
 def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Open a data set that `make_dataset` has made, without reading it.
+    """Open a data set of `make_dataset`, without reading its arrays.
 
     See also `make_dataset`.
 
     Args:
-        path: The folder.
+        path: Folder of the data set.
 
     Returns:
-        A Dataset whose large variables are read from disk when they are used (dask arrays). The
-        attribute `parameters` names the varied quantities, each a variable; `made_with` says of
-        each record, as JSON, all that made it. The film of one record, `dataset.isel(record=0)`,
-        is accepted by functions that take time-resolved light; `render_of` has all its attributes.
+        A Dataset with dask arrays, which are read from disk when they are used. The attribute
+        `parameters` lists the varied quantities, and each quantity is a variable. The variable
+        `made_with` describes as JSON how each record was made. Functions that accept time-resolved
+        light accept one record, `dataset.isel(record=0)`. `render_of` returns a record with all
+        attributes of its render.
 
     Raises:
-        FileNotFoundError: There is nothing at `path`.
-        ValueError: It is no data set of this package, or files of it are missing, cut or damaged;
-            one line.
-        ImportError: The packages zarr and dask are missing; one line.
+        FileNotFoundError: `path` does not exist.
+        ValueError: The folder is not a data set of this package, or files are missing, truncated
+            or damaged.
+        ImportError: The packages zarr and dask are missing.
     """
+    # Is the folder a complete data set?
     folder = checks.path("path", path)
     if not folder.exists():
         raise FileNotFoundError(f"path = {path}: does not exist; must be a data set on disk")
@@ -50,6 +52,8 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
     if not (folder / "zarr.json").is_file():
         raise ValueError(wrong)
     require_whole(folder)
+
+    # Open the arrays
     try:
         dataset = xr.open_zarr(folder, chunks={}, consolidated=True, zarr_format=3)
         dataset = naming_files(dataset, folder, "data set")
@@ -57,13 +61,17 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
         raise ValueError(wrong) from None
     if dataset.attrs.get("kind") != KIND:
         raise ValueError(wrong)
+
+    # Convert coordinates of text, and add attributes of time-resolved light
     texts = {n: list(map(str, c.values)) for n, c in dataset.coords.items() if c.dtype.kind in "OT"}
     dataset = dataset.assign_coords(texts)
     if "transient" in dataset:
         light = {"quantity": "radiance per bin", "units": RADIANCE}
         dataset = dataset.assign_attrs(light | {BINS: dataset.sizes["opl"]})
+
+    # Add labels. The units of draws are unknown here
     dataset = labelled(dataset)
-    for name, variable in dataset.variables.items():  # Only the config knows units of draws
+    for name, variable in dataset.variables.items():
         default = {"long_name": str(name).replace("_", " ")}
         for key, text in (default | labels_of(str(name).removeprefix("capture_"), {})).items():
             variable.attrs.setdefault(key, text)
@@ -72,16 +80,17 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def capture_of(dataset: Annotated[xr.Dataset, CAPTURES], record: int) -> xr.Dataset:
-    """The capture of a record, which `reconstruct` takes.
+    """Return the capture of a record, for `reconstruct`.
 
     Args:
-        dataset: What `load_dataset` returns, or a part of it. Parts of the window and of the wall
-            are accepted.
-        record: Its number, a value of the coordinate `record`.
+        dataset: Data set from `load_dataset`, or a part of the data set. Parts of the window and of
+            the wall are supported.
+        record: Number of the record, a value of the coordinate `record`.
 
     Raises:
-        ValueError: The data set has no captures, or no such record; one line.
+        ValueError: The data set lacks captures, or `record` is not one of its records.
     """
+    # Find the record and the axes of its capture
     one, about = _record(dataset, record)
     if "capture" not in dataset:
         raise ValueError("dataset: has no captures; must be made with outputs.capture")
@@ -90,7 +99,7 @@ def capture_of(dataset: Annotated[xr.Dataset, CAPTURES], record: int) -> xr.Data
     if stated["capture_mode"] == "confocal":  # The laser follows the sensor
         del axes["laser_grid"], axes["laser_normals"]
 
-    # Names of a capture, without the prefix
+    # Rename the variables to the names in a capture, without the prefix
     names = {f"capture_{name}": name for name in (*axes, ON_WALL)} | {"capture": "transient"}
     names |= {"wall_y": "y", "wall_x": "x", "capture_opl": "opl"}
     capture = one[[name for name in names if name in one.data_vars]].drop_vars(
@@ -99,10 +108,13 @@ def capture_of(dataset: Annotated[xr.Dataset, CAPTURES], record: int) -> xr.Data
     known = {own: name for own, name in names.items() if own in {*capture.variables, *capture.dims}}
     capture = capture.rename(known).assign_attrs(stated)
 
+    # Read the arrays by their labels
     kind = Kind(CAPTURES.name, axes, optional={ON_WALL: ("y", "x")}, bins="opl")
     found = read(capture, kind, "dataset")
     bins = bins_of(found, "dataset")
     arrays: dict[str, Any] = {str(n): each.values for n, each in found.data_vars.items()}
+
+    # The mask is omitted if all points are on the wall
     on_wall = arrays.pop(ON_WALL, np.ones(1, bool))
     return make_capture(
         **arrays,
@@ -119,13 +131,13 @@ def render_of(dataset: Annotated[xr.Dataset, RECORDS], record: int) -> xr.Datase
     """Return the render of a record, as `render` returns it.
 
     Args:
-        dataset: What `load_dataset` returns.
+        dataset: Data set from `load_dataset`.
         record: Number of the record, a value of the coordinate `record`.
 
     Returns:
         A Dataset with `transient (y, x, opl, channel)` and `steady (y, x, channel)` [W m^-2 sr^-1],
         and the attributes of the render. Without steady pictures in the data set, `steady` is
-        the sum of the bins, which lacks the light outside the window.
+        the sum of the bins, without the light outside the window.
 
     Raises:
         ValueError: `dataset` lacks transients, or `record` is not one of its records.
@@ -144,6 +156,7 @@ def render_of(dataset: Annotated[xr.Dataset, RECORDS], record: int) -> xr.Datase
         >>> I.shape
         (6, 8, 3)
     """
+    # Read the record by its labels
     one, about = _record(dataset, record)
     if "transient" not in dataset:
         raise ValueError("dataset has no transients; make it with outputs.transient = true")
@@ -153,7 +166,7 @@ def render_of(dataset: Annotated[xr.Dataset, RECORDS], record: int) -> xr.Datase
     )
     transient = film["transient"]
 
-    # The picture of all time
+    # Sum the bins if the steady picture is missing
     if "steady" in film:
         steady = film["steady"]
     else:
@@ -172,8 +185,8 @@ def render_of(dataset: Annotated[xr.Dataset, RECORDS], record: int) -> xr.Datase
                 stacklevel=2,
             )
 
+    # Use arrays without attributes, so that `labelled` adds the labels of a render
     pictures = {"transient": transient, "steady": steady}
-    # Arrays without attributes, so that `labelled` adds the labels of a render
     arrays = {each: (values.dims, values.values) for each, values in pictures.items()}
     axes = {axis: film[axis].values for axis in transient.dims}
     found = labelled(xr.Dataset(arrays, axes, film.attrs))

@@ -1,4 +1,4 @@
-"""Make one record of a data set: draw its scene, render it, and note all that it depends on."""
+"""Make one record of a data set: draw its scene, render the scene, and describe the render."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ FACTOR = "photons_per_radiance"
 
 @dataclass(kw_only=True)
 class RecordReceipt(PartReceipt):
-    """Provenance of a record on disk."""
+    """Receipt of a record on disk, with its origin."""
 
-    drawn: dict[str, Any]  # values by name
-    about: dict[str, Any]  # all that the record depends on, as JSON can hold it
-    warnings: list[str]
-    seconds: float  # time that it took [s]
+    drawn: dict[str, Any]  # drawn values, by name
+    about: dict[str, Any]  # everything on which the record depends, for JSON
+    warnings: list[str]  # warnings of the renders
+    seconds: float  # time of the renders [s]
 
 
 def make_record(
     config: Config, layout: DatasetLayout, record: int, photons_per_radiance: float | None = None
 ) -> tuple[dict[str, np.ndarray], RecordReceipt]:
-    """Make the arrays of a record. If its scene cannot be rendered, it is drawn again (`retry`).
+    """Make the arrays of a record. If the scene cannot be rendered, draw it again (`retry`).
 
     Args:
         config: Description of the data set.
@@ -53,10 +53,15 @@ def make_record(
         photons_per_radiance: Factor from mean radiance to `photons_per_cycle`. If it is None, the
             record's own mean signal is the `photons_per_cycle` of the sensor. The factor is in the
             receipt.
+
+    Raises:
+        ValueError: None of the drawn scenes can be rendered.
+        RuntimeError: Mitsuba reports an error.
     """
     start = time.perf_counter()
     reason = ""
     for attempt in range(config.retry + 1):
+        # Draw and render a scene, and collect the warnings
         drawn = config.draw(record, attempt)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
@@ -69,6 +74,8 @@ def make_record(
                 continue
             except RuntimeError as error:
                 raise RuntimeError(f"record {record}: {' '.join(str(error).split())}") from error
+
+        # Describe the record
         texts = [" ".join(str(each.message).split()) for each in caught]
         receipt = RecordReceipt(
             drawn=drawn,
@@ -77,13 +84,15 @@ def make_record(
             seconds=time.perf_counter() - start,
         )
         return arrays, receipt
+
+    # All attempts have failed
     tries = f", and {config.retry} more draws neither" if config.retry else ""
     shown = ", ".join(f"{name} = {shown_value(value)}" for name, value in drawn.items())
     raise ValueError(f"record {record} cannot be made{tries}: {reason} ({shown or 'no draws'})")
 
 
 def shown_value(value: Any) -> str:
-    """A drawn value as messages show it."""
+    """Format a drawn value for a message."""
     if isinstance(value, list):
         return f"[{', '.join(map(shown_value, value))}]"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
@@ -97,7 +106,8 @@ def _rendered(
     drawn: Mapping[str, Any],
     photons_per_radiance: float | None,
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Arrays of a record, and all that they depend on."""
+    """Render the arrays of a record, and describe everything on which they depend."""
+    # Load the scene, and compare its time bins with the other records
     scene = load(scene_of(config, drawn), config)
     camera: Any = scene.sensors()[config.sensor]
     bins = time_bins(camera.film())
@@ -105,7 +115,10 @@ def _rendered(
         _require_window(layout, *bins[1:])
     seed = config.render_seed(record, attempt)
     spp = config.settings.get("spp") or camera.sampler().sample_count()
-    outputs, arrays = config.outputs, {}
+    outputs = config.outputs
+    arrays = {}
+
+    # Describe the record
     about: dict[str, Any] = {
         "record": record,
         "attempt": attempt,
@@ -121,6 +134,8 @@ def _rendered(
     tracer: Any = scene.integrator()
     if getattr(tracer, "traits", None) is not None:
         about["fingerprint"] = fingerprint(scene, camera, tracer)
+
+    # Render the film, and measure it with the sensor
     common: dict[str, Any] = {"sensor": config.sensor, "progress": False}
     sampler = config.settings.get("sampler")
     if outputs.rendered or config.sense is not None:
@@ -135,11 +150,15 @@ def _rendered(
             sensor = _with_photons(config, film, photons_per_radiance, about)
             measured = sense(film, sensor, about["sensor_seed"]).drop_vars("cycles")
             arrays |= {f"sensor_{name}": each.values for name, each in measured.items()}
+
+    # Render the independent film with fewer samples
     if outputs.noisy:
         about["noise_seed"] = config.render_seed(record, attempt, "noise")
         film = render(scene, spp=outputs.noisy, seed=about["noise_seed"], sampler=sampler, **common)
         _require_whole(film.attrs)
         arrays["noisy"] = film["transient"].values
+
+    # Render phasors, depth, normals and the capture
     if outputs.phasor:
         parts = render_amcw_phasor(scene, camera, outputs.phasor, spp, seed, progress=False)
         arrays["phasor"] = np.stack(parts[:2], axis=-2)
@@ -150,6 +169,8 @@ def _rendered(
     if outputs.capture is not None:
         arrays |= _captured(config, scene, seed, common, about)
         _require_window(layout, *(about["capture"][n] for n in ("start_opl", "bin_width_opl")))
+
+    # Check the arrays
     for name, array in arrays.items():
         _require_light(name, array)
     layout.check(arrays)
@@ -185,15 +206,19 @@ def _with_photons(
 def _captured(
     config: Config, scene: mi.Scene, seed: int, common: Mapping[str, Any], about: dict[str, Any]
 ) -> dict[str, np.ndarray]:
-    """A capture with its geometry, and the true depth of what is hidden."""
+    """Render a capture, its geometry, and the true depth of the hidden objects."""
     wanted = config.outputs.capture
     assert wanted is not None
+
+    # Render the capture, and describe it
     spp = config.settings.get("spp")
     wall = wanted.relay_wall
     film = capture_scene(scene, mode=wanted.mode, spp=spp, seed=seed, relay_wall=wall, **common)
     _require_whole(film.attrs)
     names = ("start_opl", "bin_width_opl", "counts_first_and_last_legs", "spp", "capture_mode")
     about["capture"] = {n: film.attrs[n] for n in (*names, "energy_outside_window")}
+
+    # Collect the arrays
     arrays = {"capture": film["transient"].values}
     arrays |= {f"capture_{name}": film[name].values for name in (*GEOMETRY, *ORIGINS)}
     everywhere = np.ones(arrays["capture_sensor_grid"].shape[:2], bool)
@@ -204,7 +229,7 @@ def _captured(
 
 
 def _require_window(layout: DatasetLayout, start_opl: float, bin_width_opl: float) -> None:
-    """Refuse time bins that are not those of the other records."""
+    """Refuse time bins that differ from the time bins of the other records."""
     found = (float(start_opl), float(bin_width_opl))
     if layout.window is None:
         return
@@ -217,15 +242,17 @@ def _require_window(layout: DatasetLayout, start_opl: float, bin_width_opl: floa
 
 
 def _require_whole(attrs: Mapping[str, Any]) -> None:
+    """Stop if a render was stopped before its last sample."""
     if not attrs.get("complete", 1):
         raise KeyboardInterrupt
 
 
 LIT = ("transient", "steady", "noisy", "phasor", "capture")
+"""Arrays that contain light."""
 
 
 def _require_light(name: str, array: np.ndarray) -> None:
-    """Refuse a picture that is black or not finite, and depths without any surface."""
+    """Refuse light that is zero or not finite, and depths and normals without a surface."""
     if name in LIT:
         checks.finite(name, array)
         if not array.any():

@@ -1,4 +1,4 @@
-"""Describe and load the scene of a record: its source with the drawn values put in."""
+"""Describe and load the scene of a record: its source with the drawn values."""
 
 from __future__ import annotations
 
@@ -22,36 +22,55 @@ TO_WORLD = ("position", "axis", "angle", "scale")
 
 
 def scene_of(config: Config, drawn: Mapping[str, Any]) -> Dict:
-    """The scene of a record as a dict for `mi.load_dict`."""
+    """Return the scene of a record as a dict for `mi.load_dict`.
+
+    Args:
+        config: Description of the data set.
+        drawn: Drawn values, by name.
+
+    Raises:
+        ValueError: The drawn values do not fit the scene.
+    """
     scene = _source(config, drawn)
+
+    # Add the materials and objects of the configuration
     for table, parts in (("materials", config.materials), ("objects", config.objects)):
         for name, description in parts.items():
             if name in scene:
                 raise ValueError(f"{table}.{name}: the scene has one already; must have a new name")
             scene[name] = _described(f"{table}.{name}", description, config.folder)
+
+    # Put the drawn values into the scene
     change(scene, config.sensor, config.varied.values(), drawn)
     return scene
 
 
 def _source(config: Config, drawn: Mapping[str, Any]) -> Dict:
-    """The scene before drawn values are put in."""
+    """Return the scene as a dict, with drawn arguments and parameters only."""
     given = {
         kind: {v.part: drawn[v.name] for v in config.varied.values() if v.target == kind}
         for kind in ("argument", "parameter")
     }
+
+    # A built-in scene
     if isinstance(config.scene, str):
         arguments = config.arguments | given["argument"]
         try:
             return BUILT_IN[config.scene](**arguments)
         except TypeError as error:
             raise ValueError(f"arguments: {' '.join(str(error).split())}") from None
+
+    # An XML file, or a dict
     if isinstance(config.scene, Path):
         return scene_as_dict(config.scene, config.parameters | given["parameter"])
     return copied(config.scene)
 
 
 def _described(where: str, given: Mapping[str, Any], folder: Path) -> Dict:
-    """An object or a material, with a table `to_world` as a transform and whole names of files."""
+    """Convert the description of an object or a material to a dict for Mitsuba.
+
+    The table `to_world` becomes a transform, and names of files become absolute.
+    """
     found: Dict = dict(given)
     for name, value in given.items():
         if name == "to_world" and isinstance(value, Mapping):
@@ -64,6 +83,7 @@ def _described(where: str, given: Mapping[str, Any], folder: Path) -> Dict:
 
 
 def _transform(where: str, given: Mapping[str, Any]) -> Any:
+    """Check a table of position [m], axis, angle [degrees] and scale; return the transform."""
     known_keys(where, given, TO_WORLD)
     scale = given.get("scale", 1.0)
     scale = scale if isinstance(scale, Sequence) else [scale] * 3
@@ -76,14 +96,16 @@ def _transform(where: str, given: Mapping[str, Any]) -> Any:
 
 
 def load(scene: Dict, config: Config) -> mi.Scene:
-    """The loaded scene, with the settings of the config."""
+    """Load a scene with the settings of the configuration."""
     settings = dict(config.settings)
     capture = config.outputs.capture
     if capture is not None and capture.grid is not None:
         settings["width"], settings["height"] = capture.grid
     loaded = load_scene(scene, optimize=capture is None, **settings)
+
+    # Phasors need an integrator of this package. It gets the depth of the scene's integrator
     own = loaded.integrator()
     if config.outputs.phasor and getattr(own, "traits", None) is None:
-        settings["integrator"] = transient_integrator_for(own)  # With the depth of Mitsuba's own
+        settings["integrator"] = transient_integrator_for(own)
         loaded = load_scene(scene, optimize=capture is None, **settings)
     return loaded

@@ -1,7 +1,7 @@
 """Data sets on disk: Zarr 3 groups that grow by records, see `GroupStore`.
 
-Each record is a file in each array. At the end, the small arrays are written from the receipts,
-which contain all that the records were made with.
+Each record is one file in each array. At the end, the small arrays are written from the receipts,
+which describe how the records were made.
 """
 
 import json
@@ -19,10 +19,11 @@ from .record import RecordReceipt
 from .varied import Varied
 
 TIME_AXES = ("opl", "capture_opl", "sensor_bin")
+"""Axes that are cut into blocks, so that single time bins can be read."""
 
 
 class StoredRecords(GroupStore[int, RecordReceipt]):
-    """A data set on disk that is being made, begun by `StoredRecords.begin`."""
+    """Unfinished data set on disk. `StoredRecords.begin` creates or continues it."""
 
     group_name = "set.zarr"
     what = "data set"
@@ -75,6 +76,8 @@ class StoredRecords(GroupStore[int, RecordReceipt]):
         group = self.group
         layout = plan.layout
         ordered = [receipts[record] for record in self.records]
+
+        # Write the coordinates
         put_labels(group, "record", np.array(self.records), ["record"])
         for axis, values in layout.axes.items():
             put_labels(group, axis, values, [axis])
@@ -82,36 +85,47 @@ class StoredRecords(GroupStore[int, RecordReceipt]):
                 group[axis].attrs.update({"units": "m", "long_name": "optical path length"})
             elif axis == "frequency":
                 group[axis].attrs.update({"units": "Hz"})
+
+        # Write the drawn values
         for name, each in plan.config.varied.items():
             values, axes = column(each, [receipt.drawn[name] for receipt in ordered])
             put_labels(group, name, values, axes)
             if "xyz" in axes and "xyz" not in group:
                 put_labels(group, "xyz", np.array(["x", "y", "z"]), ["xyz"])
+
+        # Write how the records were made
         for name in ("attempt", "render_seed", "energy_outside_window"):
             if all(name in receipt.about for receipt in ordered):
                 values = [receipt.about[name] for receipt in ordered]
                 put_labels(group, name, np.array(values), ["record"])
         texts = [json.dumps(r.about | {"warnings": r.warnings}) for r in ordered]
         put_labels(group, "made_with", np.array(texts), ["record"])
+
+        # Write the attributes, and move the finished data set
         group.attrs.update(dict(attrs))
         self.move_to(target, [array.name for array in layout.arrays])
 
 
 def column(varied: Varied, values: list[Any]) -> tuple[np.ndarray, list[str]]:
-    """Values of a quantity in all records, and its axes: numbers, else text.
+    """Return the array of a quantity over all records, and the names of its axes.
 
-    Lists of names become text with blanks between.
+    Numbers stay numbers, and other values become text. Lists of names become text that is
+    separated by blanks.
     """
+    # Text, or True and False
     length = varied.distribution.length
     if length is None:
         if all(isinstance(value, bool) for value in values):
             return np.array(values), ["record"]
         return np.array([_as_text(value) for value in values], dtype=str), ["record"]
+
+    # Numbers, or lists of numbers
     axis = "xyz" if varied.is_vector else f"{varied.name}_index"
     return np.array(values, dtype=np.float64), ["record", *([axis] if length else [])]
 
 
 def _as_text(value: Any) -> str:
+    """Convert a drawn value to text."""
     if isinstance(value, str):
         return value
     names = isinstance(value, list) and all(isinstance(each, str) for each in value)
@@ -125,11 +139,16 @@ def _create_arrays(group: Any, *, plan: DatasetPlan) -> None:
 
 
 def _create_array(group: Any, array: Array, count: int) -> None:
-    """An array whose records are a file each, of blocks of time bins that can be read alone."""
+    """Create an array with one file per record.
+
+    Files consist of blocks of time bins, which can be read separately.
+    """
     from zarr.codecs import Crc32cCodec
 
+    # Cut the time axis into blocks. A file is a shard of all blocks
     shape = (1, *array.shape)
-    chunks, shards = list(shape), None
+    chunks = list(shape)
+    shards = None
     for position, axis in enumerate(array.axes, 1):
         if axis in TIME_AXES:
             bins = shape[position]
@@ -137,6 +156,8 @@ def _create_array(group: Any, array: Array, count: int) -> None:
             chunks[position] = min(bins, fits)
             shards = list(shape)
             shards[position] = -(-bins // chunks[position]) * chunks[position]
+
+    # Create the array with its labels
     made = group.create_array(
         array.name,
         shape=(count, *array.shape),

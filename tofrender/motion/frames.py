@@ -187,7 +187,8 @@ def open_frames(settings: RenderSettings, times_s: Any, shutter: Shutter) -> tup
     valid = not (shutter.row_time_s and job.plan.splats)
     allowed = f"0 with {type(job.integrator).__name__}, whose light lands on any row"
     checks.require("row_time_s", shutter.row_time_s, valid, allowed)
-    films, dark = [], []
+    films = []
+    dark = []
     for time in (times[0], times[-1]):
         with posed(job.scene, float(time)):
             try:
@@ -198,7 +199,8 @@ def open_frames(settings: RenderSettings, times_s: Any, shutter: Shutter) -> tup
         raise dark[0]
     if not is_auto(job.settings.window):
         return job, shutter
-    start, stop = min(each.start_opl for each in films), max(each.end_opl() for each in films)
+    start = min(each.start_opl for each in films)
+    stop = max(each.end_opl() for each in films)
     bins = job.film.temporal_bins
     film = transient_film(job.camera.film(), bins, start, (stop - start) / bins)
     return replace(job, film=film), shutter
@@ -209,7 +211,8 @@ def render_frame(job: Job, time_s: float, shutter: Shutter) -> xr.Dataset:
     height, width, _, channels = job.film.shape
     arrays = {"transient": np.zeros(job.film.shape, np.float32), "not_finite": np.zeros(1, int)}
     arrays["steady"] = np.zeros((height, width, channels), np.float32)
-    row, seconds = int(np.array(job.film.crop_offset())[1]), 0.0
+    row = int(np.array(job.film.crop_offset())[1])
+    seconds = 0.0
     with posed(job.scene, time_s):
         frame = _posed_job(job)
         about = f"{shutter} {frame.recipe['fingerprint']}"  # Of the pose at the start

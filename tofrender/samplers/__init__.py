@@ -1,1 +1,1 @@
-"""Random numbers for rendering."""
+"""Samplers: random numbers for rendering."""

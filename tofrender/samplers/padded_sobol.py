@@ -1,13 +1,14 @@
 """Sampler plugin `padded_sobol`: a Sobol' (0, 2)-sequence for every pair of random numbers.
 
-Each pair uses the first two Sobol' dimensions, with the order of the points shuffled and their
-digits shifted by a hash of the pixel and the pair, so that pairs are independent of each other
-while each fills the unit square evenly. The n-th point is computed from n alone: a render can stop
-and resume in the same point set, and n can be the counter of a symbolic loop, which Mitsuba's
-stratified samplers do not allow.
+Each pair uses the first two Sobol' dimensions. A hash of the pixel and the pair shuffles the order
+of the points and shifts their digits. Therefore pairs are independent of each other, and each pair
+fills the unit square evenly. The n-th point is computed from n alone, so that a render can stop and
+resume in the same point set. Also, n can be the counter of a symbolic loop, which Mitsuba's
+stratified samplers do not support.
 
 The shuffle is an Owen scramble of n, which keeps every block of 2^k points a (0, 2)-net. The digits
-are shifted, not Owen-scrambled, which on the transient Cornell box has a tenth less variance.
+are shifted instead of Owen-scrambled. On the transient Cornell box, this reduces the variance by a
+tenth.
 
 Sources: T. Kollig and A. Keller, "Efficient Multidimensional Sampling", CGF 21(3), 2002 (padding,
 digit shifts); B. Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020 (shuffling by a
@@ -25,6 +26,7 @@ from ..runtime import checks
 
 def mix(a: mi.UInt32, b: mi.UInt32) -> mi.UInt32:
     """Hash two 32-bit integers into one."""
+    # Combine both numbers, then mix the bits by shifts and multiplications
     h = a ^ (b * 0x9E3779B9)
     h ^= h >> 16
     h *= 0x21F0AAAD
@@ -34,7 +36,8 @@ def mix(a: mi.UInt32, b: mi.UInt32) -> mi.UInt32:
 
 
 def scramble(x: mi.UInt32, seed: mi.UInt32) -> mi.UInt32:
-    """Owen-scramble the digits of `x`, lowest bit leading (Laine and Karras, as Burley has it)."""
+    """Owen-scramble the digits of `x`, lowest bit first (hash of Laine and Karras, see Burley)."""
+    # Each multiplication by an even number changes a bit only by the bits below it
     x = x + seed
     x ^= x * 0x6C50B47C
     x ^= x * 0xB82F1E52
@@ -43,7 +46,8 @@ def scramble(x: mi.UInt32, seed: mi.UInt32) -> mi.UInt32:
 
 
 def pascal(x: mi.UInt32) -> mi.UInt32:
-    """Multiply the bits of `x` by Pascal's triangle modulo 2: the second Sobol' dimension."""
+    """Multiply the bits of `x` by Pascal's triangle modulo 2, for the second Sobol' dimension."""
+    # Each step adds one half of each block of bits to the other half, modulo 2
     x = x ^ ((x & 0xAAAAAAAA) >> 1)
     x ^= (x & 0xCCCCCCCC) >> 2
     x ^= (x & 0xF0F0F0F0) >> 4
@@ -52,7 +56,8 @@ def pascal(x: mi.UInt32) -> mi.UInt32:
 
 
 def unit_interval(digits: mi.UInt32) -> mi.Float:
-    """Convert binary digits, lowest bit leading, to a number in [0, 1)."""
+    """Convert binary digits, lowest bit first, to a number in [0, 1)."""
+    # A float has 24 significant bits
     return mi.Float(dr.brev(digits) >> 8) * (1 / (1 << 24))
 
 
@@ -80,7 +85,7 @@ class PaddedSobolSampler(mi.Sampler):
         self.base_seed = checks.integer("seed", props.get("seed", 0), 0, checks.MAX_SEED)
         super().__init__(props)
         self.lanes_per_pixel: int | None = None
-        self.stride = 1  # From one point of a lane to the next
+        self.stride = 1  # Difference of the numbers of consecutive points of a lane
         self.index = mi.UInt32(0)  # Number of the point
         self.dimension = mi.UInt32(0)  # Number of the pair of dimensions
         self.pixel_hash = self.seed_value = mi.UInt32(0)
@@ -88,24 +93,30 @@ class PaddedSobolSampler(mi.Sampler):
     def seed(self, seed: int | mi.UInt32, wavefront_size: int = 0xFFFFFFFF) -> None:
         """Start at the first point of every pixel.
 
-        Mitsuba's own integrators do not set the number of lanes per pixel: all samples then.
+        Mitsuba's own integrators do not set the number of lanes per pixel. Then each pixel has one
+        lane per sample, if the size of the wavefront is a multiple of the sample count.
         """
+        # How many lanes share a pixel?
         count = self.sample_count()
         guess = count if wavefront_size % count == 0 else 1
         self.stride = self.lanes_per_pixel or guess
+
+        # Distribute the first points of a pixel over its lanes
         lane = dr.arange(mi.UInt32, wavefront_size)
         pixel = lane // dr.opaque(mi.UInt32, self.stride)
         self.index = lane - pixel * self.stride
         self.dimension = mi.UInt32(0)
+
+        # Set seed and pixel
         self.seed_value = dr.opaque(mi.UInt32, seed) if isinstance(seed, int) else mi.UInt32(seed)
         self.place(pixel)
 
     def place(self, pixel: mi.UInt32) -> None:
-        """Set the pixel of each lane, as any number that identifies it."""
+        """Set the pixel of each lane, by any number that identifies the pixel."""
         self.pixel_hash = mix(mix(pixel, self.seed_value), mi.UInt32(self.base_seed))
 
     def set_samples_per_wavefront(self, samples_per_wavefront: int) -> None:
-        """Set how many neighbouring lanes share a pixel and its point set."""
+        """Set how many neighboring lanes share a pixel and its point set."""
         self.lanes_per_pixel = samples_per_wavefront
 
     def advance(self) -> None:
@@ -152,7 +163,7 @@ class PaddedSobolSampler(mi.Sampler):
         return f"PaddedSobolSampler[sample_count = {self.sample_count()}]"
 
     def _next_pair(self) -> tuple[mi.UInt32, mi.UInt32]:
-        """Hash of the pixel and the next pair of dimensions, and the shuffled point number."""
+        """Return the hash of pixel and next pair of dimensions, and the shuffled point number."""
         pair = mix(self.pixel_hash, self.dimension)
         self.dimension = self.dimension + 1
         return pair, dr.brev(scramble(dr.brev(self.index), pair))

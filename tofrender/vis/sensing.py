@@ -73,9 +73,12 @@ def measurement_figure(measured: Annotated[xr.Dataset, SENSED]) -> Figure:
     # The second map: the depth, or the place of the peak, of pixels with enough light
     lit = total >= max(LEAST_LIGHT * total[row, column], np.finfo(float).tiny)
     if "depth" in measured:
-        second, label, found = "depth", "depth [m]", measured["depth"].values
+        second = "depth"
+        label = "depth [m]"
+        found = measured["depth"].values
     else:
-        second, label = "brightest at", AXES.get(str(axis), "frame and tap")
+        second = "brightest at"
+        label = AXES.get(str(axis), "frame and tap")
         found = places[curves[name].argmax(axis=-1)]
     maps = {
         f"sum of {name}": (total, typeset(units), "inferno"),

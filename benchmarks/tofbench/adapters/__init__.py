@@ -1,1 +1,1 @@
-"""One module for each renderer; only these import renderers."""
+"""One module for each renderer. No other module imports renderers."""

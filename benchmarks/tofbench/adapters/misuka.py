@@ -1,6 +1,6 @@
-"""misuka, a renderer of sound: its microphone hears a sphere from all sides.
+"""misuka, a renderer of sound. Its microphone records a sphere from all sides.
 
-Its licence allows non-commercial use only: run it where it is installed for that.
+The license allows non-commercial use only.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ def _load(count: int, width: float, segments: int, ear: tuple, parts: tuple):
     misuka.set_variant("llvm_ad_acoustic")
     misuka.set_log_level(misuka.LogLevel.Error)
     (radius, albedo), (lamp, radiance) = parts
+
+    # Describe the scene
     film = {"type": "tape", "frequencies": "250, 500", "time_bins": count}
     film["rfilter"] = {"type": "box"}
     integrator = {"type": "acoustic_prb", "max_time": count * width, "speed_of_sound": 1.0}
@@ -58,7 +60,8 @@ def _load(count: int, width: float, segments: int, ear: tuple, parts: tuple):
 def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
     import misuka
 
-    wall, lamp = scene["shapes"]["wall"], scene["shapes"]["lamp"]
+    wall = scene["shapes"]["wall"]
+    lamp = scene["shapes"]["lamp"]
     parts = ((wall["radius"], wall["material"]["albedo"]), (lamp["radius"], lamp["radiance"]))
     ear = tuple(scene["camera"]["origin"])
     loaded = _load(bins["count"], bins["width"], scene["segments"], ear, parts)

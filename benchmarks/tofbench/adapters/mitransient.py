@@ -1,4 +1,4 @@
-"""mitransient: transient_path, transient_prbvolpath with media, transient_nlos_path."""
+"""mitransient: `transient_path`, `transient_prbvolpath` with media, and `transient_nlos_path`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ABILITIES = scenes.FEATURES | {"bins", "stokes", "nlos", "gradient"}
 def version() -> str:
     from importlib.metadata import version as number
 
-    # Not imported here: its plugins exist in the variant of its first import only
+    # Do not import mitransient here, because its plugins exist only in the first variant
     return f"mitransient {number('mitransient')}, Mitsuba {number('mitsuba')}"
 
 
@@ -22,6 +22,7 @@ def _load(scene: dict, bins: dict):
     mi = scenes.start("llvm_ad_mono_polarized" if bins["quantity"] == "stokes" else "llvm_ad_rgb")
     import mitransient
 
+    # Load a capture, and aim the laser
     if bins["quantity"] == "nlos":
         described = scenes.capture(scene, bins, {})
         loaded = mi.load_dict(described, parallel=False, optimize=False)
@@ -31,6 +32,8 @@ def _load(scene: dict, bins: dict):
             target = mi.Point3f(0, 0, 0)
         mitransient.nlos.focus_emitter_at_relay_wall_3dpoint(target, wall, loaded.emitters()[0])
         return loaded
+
+    # Load a scene with a camera
     kind = "transient_prbvolpath" if scenes.has_media(scene) else "transient_path"
     described = scenes.dictionary(scene, {"type": kind}, scenes.film_of(bins))
     return mi.load_dict(described, parallel=False, optimize=False)

@@ -1,4 +1,4 @@
-"""Mitsuba's steady integrators: sums over time."""
+"""Mitsuba's steady integrators, which render sums over time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes for Mitsuba and packages built on it; Mitsuba is imported when called."""
+"""Scenes for Mitsuba and for packages that use Mitsuba. Functions import Mitsuba when called."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 FEATURES = {"camera", "crop", "glass", "grid", "lens", "medium", "meter", "mirror", "rough", "sky"}
-"""What Mitsuba's plugins can do."""
+"""Abilities of Mitsuba's plugins."""
 
 
 def start(variant: str = "llvm_ad_rgb") -> Any:
-    """Mitsuba with a variant (TOFBENCH_BACKEND names another backend, such as cuda)."""
+    """Import Mitsuba and set a variant. TOFBENCH_BACKEND names another backend, such as cuda."""
     import mitsuba as mi
 
     wanted = variant.replace("llvm", os.environ.get("TOFBENCH_BACKEND", "llvm"))
@@ -26,12 +26,13 @@ def start(variant: str = "llvm_ad_rgb") -> Any:
 
 
 def cached(load: Callable[..., Any]) -> Callable[..., Any]:
-    """Keep what was loaded last for equal scenes."""
+    """Return a function that loads equal scenes only once."""
     found = cache(lambda text: load(*json.loads(text)))
     return lambda *parts: found(json.dumps(parts))
 
 
 def grey(value: float) -> dict:
+    """Describe a gray spectrum."""
     import mitsuba as mi
 
     if mi.variant() and "mono" in mi.variant():
@@ -40,6 +41,7 @@ def grey(value: float) -> dict:
 
 
 def material(described: dict) -> dict:
+    """Describe a BSDF."""
     kind = described["kind"]
     if kind == "diffuse":
         result = {"type": "diffuse", "reflectance": grey(described["albedo"])}
@@ -55,7 +57,10 @@ def material(described: dict) -> dict:
 
 
 def medium(described: dict) -> dict:
-    scattering, absorption = described["scattering"], described["absorption"]
+    """Describe a medium."""
+    # Scattering, absorption and phase function
+    scattering = described["scattering"]
+    absorption = described["absorption"]
     extinction = scattering + absorption
     phase: dict = {"type": described["phase"]}
     if phase["type"] == "hg":
@@ -65,7 +70,8 @@ def medium(described: dict) -> dict:
         return {"type": "homogeneous", "sigma_t": extinction} | albedo
     import mitsuba as mi
 
-    grid = described["grid"]  # Of one density but for a corner, whose density sets the majorant
+    # The density is constant except in one corner, which sets the majorant
+    grid = described["grid"]
     density = np.ones((8, 8, 8, 1), np.float32)
     density[0, 0, 0] = grid["corner"]
     place = mi.ScalarTransform4f().translate(grid["low"]).scale(grid["size"])
@@ -75,8 +81,10 @@ def medium(described: dict) -> dict:
 
 
 def shape(described: dict, media: dict) -> dict:
+    """Describe a shape."""
     import mitsuba as mi
 
+    # Geometry
     result: dict = {"bsdf": material(described["material"])}
     kind = described["kind"]
     if kind == "sphere":
@@ -86,11 +94,14 @@ def shape(described: dict, media: dict) -> dict:
         place = mi.ScalarTransform4f().translate(described["center"]).scale(described["half"])
         result |= {"type": "cube", "to_world": place}
     else:
-        u, v = np.array(described["u"], float), np.array(described["v"], float)
+        u = np.array(described["u"], float)
+        v = np.array(described["v"], float)
         normal = np.cross(u, v)
         matrix = np.eye(4)
         matrix[:3] = np.stack([u, v, normal / np.linalg.norm(normal), described["center"]], axis=1)
         result |= {"type": kind, "to_world": mi.ScalarTransform4f(matrix)}
+
+    # Light, media and motion
     if "radiance" in described:
         result["emitter"] = {"type": "area", "radiance": grey(described["radiance"])}
     for side, name in (("interior", "inside"), ("exterior", "outside")):
@@ -102,6 +113,7 @@ def shape(described: dict, media: dict) -> dict:
 
 
 def light(described: dict) -> dict:
+    """Describe a light."""
     if described["kind"] == "sky":
         return {"type": "constant", "radiance": grey(described["radiance"])}
     intensity = grey(described["intensity"])
@@ -110,8 +122,10 @@ def light(described: dict) -> dict:
 
 
 def sensor(described: dict, media: dict, film: dict, sampler: str = "independent") -> dict:
+    """Describe a sensor."""
     import mitsuba as mi
 
+    # Film and sampler
     film = {"width": described["width"], "height": described["height"]} | film
     film["rfilter"] = {"type": "box"}
     if "crop" in described:
@@ -120,6 +134,8 @@ def sensor(described: dict, media: dict, film: dict, sampler: str = "independent
     result = {"film": film, "sampler": {"type": sampler, "sample_count": 16}}
     if "medium" in described:
         result["medium"] = media[described["medium"]]
+
+    # An irradiance meter, or a camera
     if described["kind"] == "meter":
         return result | {"type": "irradiancemeter"}
     look = mi.ScalarTransform4f().look_at(*(described[k] for k in ("origin", "target", "up")))
@@ -132,10 +148,12 @@ def sensor(described: dict, media: dict, film: dict, sampler: str = "independent
 
 
 def dictionary(scene: dict, integrator: dict, film: dict, sampler: str = "independent") -> dict:
-    """A scene for `mi.load_dict`."""
+    """Return a scene for `mi.load_dict`."""
     media = {name: medium(each) for name, each in scene["media"].items()}
     depth = {"max_depth": scene["segments"], "rr_depth": 8 if scene["segments"] < 0 else 64}
     result = {"type": "scene", "integrator": depth | integrator}
+
+    # Add shapes. A meter is part of a shape
     camera = sensor(scene["camera"], media, film, sampler)
     for name, each in scene["shapes"].items():
         result[name] = shape(each, media)
@@ -147,29 +165,35 @@ def dictionary(scene: dict, integrator: dict, film: dict, sampler: str = "indepe
 
 
 def film_of(bins: dict) -> dict:
-    """The parameters of mitransient's film, which other packages share."""
+    """Return the parameters of mitransient's film, which other packages support, too."""
     names = {"count": "temporal_bins", "start": "start_opl", "width": "bin_width_opl"}
     return {"type": "transient_hdr_film"} | {new: bins[old] for old, new in names.items()}
 
 
 def has_media(scene: dict) -> bool:
+    """Whether a scene contains media."""
     return bool(scene["media"])
 
 
 def capture(scene: dict, bins: dict, integrator: dict) -> dict:
-    """A capture of the relay wall's centre in z = 0, a point of which has the laser's `power`."""
+    """Describe a capture of one point of the relay wall z = 0. The laser spot gets `power`."""
     import mitsuba as mi
 
+    # The sensor
     wall = scene["wall"]
     device = np.array(wall["device"], float)
     meter = {"type": "nlos_capture_meter", "sensor_origin": list(device)}
     meter |= {"film": film_of(bins) | {"width": 1, "height": 1, "rfilter": {"type": "box"}}}
     meter["sampler"] = {"type": "independent", "sample_count": 16}
+
+    # The laser
     lit = np.array([0, 0, 0] if wall["capture"] == "confocal" else wall["lit"], float)
     distance = float(np.linalg.norm(device - lit))
     look = mi.ScalarTransform4f().look_at(device.tolist(), lit.tolist(), [0, 1, 0])
     laser = {"type": "spot", "to_world": look, "cutoff_angle": 5.0, "beam_width": 4.0}
     laser["intensity"] = grey(wall["power"] * distance**3 / device[2])
+
+    # The integrator
     options = {"type": "transient_nlos_path", "max_depth": scene["segments"]}
     options |= {"nlos_laser_sampling": True, "nlos_hidden_geometry_sampling": True}
     options |= {"account_first_and_last_bounces": False, "temporal_filter": "box"}
@@ -185,12 +209,14 @@ def capture(scene: dict, bins: dict, integrator: dict) -> dict:
 
 
 def derivative(scene: dict, bins: dict, loaded: Any, samples: int, seed: int) -> np.ndarray:
-    """Derivatives of the light in all bins and of light times length, (1, 1, 2)."""
+    """Return the derivatives of all light, and of light times length, (1, 1, 2)."""
     import drjit as dr
     import mitsuba as mi
 
+    # Attach the gradient
     name, kind, value = bins["by"]
-    parameters, θ = mi.traverse(loaded), mi.Float(value)
+    parameters = mi.traverse(loaded)
+    θ = mi.Float(value)
     dr.enable_grad(θ)
     if kind == "albedo":
         parameters[f"{name}.bsdf.reflectance.value"] = mi.Color3f(θ)
@@ -199,6 +225,8 @@ def derivative(scene: dict, bins: dict, loaded: Any, samples: int, seed: int) ->
         moved = mi.Transform4f().translate(mi.Vector3f(0, 0, θ - value))
         parameters[f"{name}.to_world"] = moved @ mi.Transform4f(mi.Matrix4f(place.matrix))
     parameters.update()
+
+    # Differentiate in forward mode
     film = mi.render(loaded, parameters, spp=samples, seed=seed)[1]
     dr.forward(θ)
     gradient = np.array(dr.grad(film))[..., 0]
@@ -207,5 +235,5 @@ def derivative(scene: dict, bins: dict, loaded: Any, samples: int, seed: int) ->
 
 
 def split_stokes(film: np.ndarray) -> np.ndarray:
-    """(height, width, bins, 4 or more) to all bins of S0, then of S1, S2 and S3."""
+    """Reshape (height, width, bins, 4 or more) to all bins of S0, then of S1, S2 and S3."""
     return np.moveaxis(film[..., :4], -1, 2).reshape(*film.shape[:2], -1)

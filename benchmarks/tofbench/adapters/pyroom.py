@@ -15,9 +15,10 @@ def version() -> str:
 
 
 def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
-    """Bins with an image source's delay; the floor absorbs."""
+    """Return 1 in bins with the delay of an image source, otherwise 0. The floor absorbs."""
     import pyroomacoustics
 
+    # Describe the room
     walls = dict.fromkeys(("west", "east", "south", "north", "ceiling"), 0.0) | {"floor": 1.0}
     materials = {name: pyroomacoustics.Material(each) for name, each in walls.items()}
     described = scene["room"]
@@ -25,6 +26,8 @@ def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
     room.add_source(described["source"])
     room.add_microphone(described["receiver"])
     room.image_source_model()
+
+    # Find the images that are not absorbed
     source = room.sources[0]
     lengths = np.linalg.norm(source.images.T - described["receiver"], axis=1)
     heard = lengths[source.damping[0] > 0] + described["extra_opl"]

@@ -21,7 +21,8 @@ def version() -> str:
 
 
 def _wall(name: str, shape: dict) -> str:
-    u, v = np.array(shape["u"], float), np.array(shape["v"], float)
+    u = np.array(shape["u"], float)
+    v = np.array(shape["v"], float)
     normal = np.cross(u, v)
     matrix = np.eye(4)
     matrix[:3] = np.stack([u, v, normal / np.linalg.norm(normal), shape["center"]], axis=1)
@@ -45,13 +46,16 @@ def _load(walls: str, source: tuple, receiver: tuple):
 
 
 def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
-    """Bins with a path's delay; the floor is left out."""
+    """Return 1 in bins with the delay of a path, otherwise 0. The floor is omitted."""
     import sionna.rt as rt
 
+    # Load the walls
     shapes = scene["shapes"].items()
     walls = "".join(_wall(k, w) for k, w in shapes if w["material"]["kind"] == "mirror")
     room = scene["room"]
     loaded = _load(walls, tuple(room["source"]), tuple(room["receiver"]))
+
+    # Find the paths
     kinds = {"los": True, "specular_reflection": True, "diffuse_reflection": False}
     paths = rt.PathSolver()(loaded, max_depth=1, refraction=False, seed=seed + 1, **kinds)
     lengths = np.array(paths.tau).ravel()[np.array(paths.valid).ravel()] * LIGHT_M_S

@@ -1,4 +1,4 @@
-"""tofrender, by the functions that its users call."""
+"""tofrender, with the functions that users call."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ def _load(scene: dict, bins: dict):
 
     if bins["quantity"] == "nlos":
         return tofrender.load_scene(scenes.capture(scene, bins, {}), optimize=False)
+
+    # Choose integrator and film
     kind = "transient_volpath" if scenes.has_media(scene) else "transient_path"
     window = {"count": 1, "start": 0.0, "width": 1e3}
     in_time = bins["quantity"] not in ("rate", "gate", "phasor")
@@ -37,10 +39,12 @@ def _load(scene: dict, bins: dict):
 
 
 def _locate(scene: dict, bins: dict) -> np.ndarray:
-    """The brightest voxel's centre by backprojection."""
+    """Return the center of the brightest voxel of a backprojection."""
     import tofrender
 
-    opl, grid = np.array(scene["opl"]), np.array(scene["grid"])
+    # Make a capture
+    opl = np.array(scene["opl"])
+    grid = np.array(scene["grid"])
     film = np.zeros((*opl.shape, bins["count"]))
     k = ((opl - bins["start"]) / bins["width"]).astype(int)
     np.put_along_axis(film, k[..., None], np.array(scene["light"])[..., None], axis=-1)
@@ -49,7 +53,9 @@ def _locate(scene: dict, bins: dict) -> np.ndarray:
     window = {"start_opl": bins["start"], "bin_width_opl": bins["width"]}
     wall = {"sensor_grid": points, "sensor_normals": np.broadcast_to((0.0, 0.0, 1.0), points.shape)}
     capture = tofrender.make_capture(film, mode="confocal", **window, **wall)
-    half = [(high - low) / (n - 1) / 2 for low, high, n in scene["volume"]]  # Of a voxel
+
+    # Reconstruct. The ranges of the volume are from center to center
+    half = [(high - low) / (n - 1) / 2 for low, high, n in scene["volume"]]
     extents = zip(scene["volume"], half, strict=True)
     volume = tuple((low - h, high + h, int(n)) for (low, high, n), h in extents)
     found = tofrender.reconstruct(capture, "bp", volume=volume, progress=False)["intensity"]
@@ -68,6 +74,7 @@ def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
 
     import tofrender
 
+    # Gradients, phasors, gates and rates
     options = {"spp": samples, "seed": seed, "progress": False}
     if quantity == "gradient":
         return scenes.derivative(scene, bins, loaded, samples, seed)
@@ -88,6 +95,8 @@ def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
         rates = {"rates": (bins["start"], end), "rate_bins": bins["count"]}
         found = tofrender.range_rate(loaded, bins=1, window=(0.0, 1e3), **rates, **options)
         return found["radiance"].isel(channel=0, opl=0).transpose("y", "x", ...).values
+
+    # Bins, also of polarized light
     found = tofrender.render(loaded, **options)["transient"]
     if quantity == "stokes":
         return scenes.split_stokes(found.isel(channel=0).transpose(..., "stokes").values)

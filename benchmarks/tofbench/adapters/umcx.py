@@ -1,4 +1,4 @@
-"""umcx, a Monte Carlo code for turbid media: a program that its user builds."""
+"""umcx, a Monte Carlo program for turbid media. Users build it from source."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ import numpy as np
 
 INSTALL = "build umcx from source (make -C src omp) and name the program in UMCX"
 ABILITIES = frozenset({"bins", "half-space"})
-MM, SIDE, LIGHT_M_S = 5.0, 100, 299_792_458.0
-"""Voxels of a millimetre per metre of the scene, voxels of an edge, speed of light."""
+MM = 5.0  # Voxels of 1 mm per meter of the scene
+SIDE = 100  # Voxels along an edge
+LIGHT_M_S = 299_792_458.0
 SIZES = {"i": "<i1", "U": "<u1", "I": "<i2", "u": "<u2", "l": "<i4", "m": "<u4"}
 
 
@@ -32,9 +33,10 @@ def version() -> str:
 
 
 def _photons(data: bytes) -> np.ndarray:
-    """Detected photons, (photons, columns), of BJData's packed array `[$d#[#i 2 rows columns`."""
+    """Read photons (photons, columns) from the array `[$d#[#i 2 rows columns` of BJData."""
     at = data.index(b"PhotonRawData[$d#[") + len(b"PhotonRawData[$d#[")
-    shape, at = [], at + 3  # Behind "#i" and the number of axes
+    shape = []
+    at += 3  # Skip "#i" and the number of axes
     for _ in range(2):
         kind = np.dtype(SIZES[chr(data[at])])
         shape.append(int(np.frombuffer(data, kind, 1, at + 1)[0]))
@@ -43,10 +45,11 @@ def _photons(data: bytes) -> np.ndarray:
 
 
 def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
-    """Photons that a pencil beam sends into the medium, by their path when they are back.
+    """Return the path lengths of photons of a pencil beam that leave the medium again.
 
-    By reciprocity this is the radiance that the beam's direction has under an even light.
+    By reciprocity, this is the radiance in the direction of the beam under uniform light.
     """
+    # Describe the medium and the beam
     fog = scene["media"]["fog"]
     end_s = MM / 1e3 * (bins["start"] + bins["count"] * bins["width"]) / LIGHT_M_S
     medium = {"mua": fog["absorption"] / MM, "mus": fog["scattering"] / MM, "g": 0.0, "n": 1.0}
@@ -67,11 +70,15 @@ def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
         },
         "Shapes": [{"Grid": {"Tag": 1, "Size": [SIDE] * 3}}],
     }
+
+    # Run the program
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "run.json").write_text(json.dumps(settings))
         command = [_program(), "-f", "run.json"]
         subprocess.run(command, cwd=folder, check=True, capture_output=True)
         photons = _photons((Path(folder) / "run_detp.jdb").read_bytes())
+
+    # Sum the photons in bins
     path_m = photons[:, 1] / MM
     edges = bins["start"] + bins["width"] * np.arange(bins["count"] + 1)
     weights = np.exp(-fog["absorption"] * path_m) / samples

@@ -18,12 +18,17 @@ def version() -> str:
 
 
 def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
-    """The brightest voxel's centre by `tal.reconstruct.bp`."""
+    """Return the center of the brightest voxel of `tal.reconstruct.bp`."""
     import tal
     from tal.enums import GridFormat, HFormat, VolumeFormat
 
-    count, grid = bins["count"], np.array(scene["grid"])
-    opl, light = np.array(scene["opl"]).T, np.array(scene["light"]).T  # Axes x, y
+    # Transpose to axes x, y
+    count = bins["count"]
+    grid = np.array(scene["grid"])
+    opl = np.array(scene["opl"]).T
+    light = np.array(scene["light"]).T
+
+    # Make a capture
     data = tal.io.capture_data.NLOSCaptureData()
     data.H = np.zeros((count, *opl.shape), np.float32)  # Time first
     k = ((opl - bins["start"]) / bins["width"]).astype(int)
@@ -36,8 +41,11 @@ def render(scene: dict, bins: dict, samples: int, seed: int) -> np.ndarray:
     data.sensor_grid_normals = data.laser_grid_normals = normals
     data.sensor_grid_format = data.laser_grid_format = GridFormat.X_Y_3
     data.sensor_xyz = data.laser_xyz = np.zeros(3)
-    data.delta_t, data.t_start = bins["width"], bins["start"]
+    data.delta_t = bins["width"]
+    data.t_start = bins["start"]
     data.t_accounts_first_and_last_bounces = False
+
+    # Reconstruct
     axes = [np.linspace(low, high, int(n)) for low, high, n in scene["volume"]]
     volume = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     found = tal.reconstruct.bp.solve(
