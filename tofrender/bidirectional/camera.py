@@ -21,7 +21,7 @@ from .mis import BidirectionalMIS, PartialSums
 
 @dataclass
 class StoredVertex:
-    """A vertex of a light path."""
+    """A vertex of a light path, stored so that camera paths can be connected to it later."""
 
     # Surface interaction, see `as_surface` for points of media
     si: mi.SurfaceInteraction3f

@@ -19,7 +19,10 @@ from ..paths.window import Arrival, Window
 
 
 class Lens(Window):
-    """The lens of a `perspective` or `thinlens` sensor.
+    """The lens of a `perspective` or `thinlens` sensor, to which points of the scene are connected.
+
+    Light tracing and bidirectional path tracing use these connections. `Window` describes the
+    attributes.
 
     Args:
         sensor: The camera.

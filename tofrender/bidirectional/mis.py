@@ -73,7 +73,16 @@ class BidirectionalMIS:
         return x * x if self.exponent == 2 else x
 
     def at_vertex(self, sums: PartialSums, path: Path, vertex: Vertex) -> PartialSums:
-        """Update the sums for the segment that ends at a vertex."""
+        """Update the partial sums of the MIS weights for the segment that ends at a vertex.
+
+        Args:
+            sums: Partial sums at the start of the segment.
+            path: The path whose ray leads to the vertex.
+            vertex: The vertex.
+
+        Returns:
+            The partial sums at the vertex, as the introduction of the module defines them.
+        """
         distance = vertex.length
         cos = vertex.cosine(path.ray.d)
         inverse_cos = dr.select(cos > 0, dr.rcp(self.power(cos)), 0)

@@ -45,7 +45,11 @@ def doppler(
     exposure: Annotated[float, opt.positive("seconds", "Exposure time [s]")] = 1.5e-3,
     cycles: Annotated[
         int,
-        opt.integer(1, MAX_CYCLES, "Difference of the cycles of light and sensor in one exposure"),
+        opt.integer(
+            1,
+            MAX_CYCLES,
+            "Modulation cycles that the sensor has more than the light in one exposure",
+        ),
     ] = 1,
     waveform: Annotated[
         str, opt.choice(WAVEFORMS, "Correlation of the modulation of light and sensor")

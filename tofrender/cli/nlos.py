@@ -53,7 +53,7 @@ def capture(
         typer.Option(
             metavar="ID",
             help="Shape that is the relay wall; separate several shapes by commas.",
-            show_default="relay_wall",
+            show_default="from the scene, otherwise the only shape that the sensor sees",
         ),
     ] = None,
     bins: Annotated[

@@ -78,10 +78,12 @@ def render(
     errors: Annotated[bool, opt.setting("errors")] = False,
     denoise: Annotated[bool, opt.setting("denoise")] = False,
     frames: Annotated[
-        int | None, opt.integer(1, 10_000, "Number of frames of a moving scene")
+        int | None,
+        opt.integer(1, 10_000, "Number of frames of an animation", show_default="a single render"),
     ] = None,
     frame_time: Annotated[
-        float | None, opt.positive("seconds", "With --frames, time between two frames [s]")
+        float | None,
+        opt.positive("seconds", "Time between two frames [s], required with --frames"),
     ] = None,
     exposure: Annotated[
         float, opt.real(0, "With --frames, exposure time of each row of pixels [s]")

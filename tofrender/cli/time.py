@@ -268,9 +268,21 @@ def _write_phasors(
     first: tuple[int, int],
     recipe: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Write the EXR files and the figure, and return the facts of the run.
+    """Write an EXR file for each frequency and the figure of all frequencies.
 
-    With a `recipe`, `--resume` recognizes a finished run by the attributes of the files.
+    Args:
+        out: Folder to write.
+        frequencies: Modulation frequencies [Hz].
+        parts: Arrays of the layers `LAYERS`, each with the frequencies along its first axis.
+        source: Scene or folder, as the user has given it.
+        figure: File type of the figure.
+        dpi: Resolution of the figure, or None.
+        first: Column and row of the first pixel, for a crop window.
+        recipe: Everything that the result depends on. It is stored in the attributes of the files,
+            so that `--resume` recognizes a finished run. None without such a check.
+
+    Returns:
+        The facts that the command prints with `--json`: files, size, source and frequencies.
     """
     from tofrender import io, vis
 

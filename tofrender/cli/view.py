@@ -25,7 +25,9 @@ def view(
     size: opt.Pixels = None,
     max_depth: opt.MaxDepth = None,
     seed: opt.Seed = 0,
-    out: Annotated[Path | None, opt.named("FILE", "With --live, npz file to save.")] = None,
+    out: Annotated[
+        Path | None, opt.named("FILE", "With --live, npz file that the button Save writes.")
+    ] = None,
     host: Host = "127.0.0.1",
     port: Port = None,
     browser: Browser = True,

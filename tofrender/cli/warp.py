@@ -31,7 +31,10 @@ POINT_SETS = ("independent", "grid", "stratified", "sobol")
 TEST_SAMPLES = 1_000_000
 
 Alpha = Annotated[float | None, opt.real(0, "Roughness of the warp beckmann")]
-Image = Annotated[str | None, opt.named("FILE", "Image of the warp hierarchical.")]
+Image = Annotated[
+    str | None,
+    opt.named("FILE", "Image whose luminance is the density of the warp `hierarchical`."),
+]
 Points = Annotated[str, opt.choice(POINT_SETS, "Point set to draw")]
 Count = Annotated[int, opt.integer(1, checks.MAX_SPP, "Number of points to draw")]
 Samples = Annotated[int, opt.integer(1000, 1 << 24, "Number of samples of the chi-square test")]

@@ -101,14 +101,18 @@ class DatasetLayout:
 
 
 def layout_of(config: Config, records: list[int]) -> DatasetLayout:
-    """Find the arrays of a data set from the scene of the first record.
+    """Determine the names, axes and shapes of the arrays of a data set from its first record.
+
+    The scene of this record is loaded. If loading fails, the values of the record are drawn again,
+    up to `config.retry` times. All other records must have the same shapes.
 
     Args:
         config: Description of the data set.
-        records: Numbers of the records.
+        records: Numbers of the records. Only the first is used.
 
     Raises:
-        ValueError: The scene cannot be loaded, or it lacks time bins that the outputs need.
+        ValueError: No draw of the first record can be loaded, or the scene has no time bins
+            although the data set needs them.
     """
     # Load the scene
     scene = _first_scene(config, records)

@@ -382,7 +382,12 @@ class _Problem:
         columns: list[np.ndarray] = []
 
         def own_zone(counts: np.ndarray) -> None:
-            """Add a column for each zone, for variables that change only this zone."""
+            """Add a column of the Jacobian for each zone, for variables that change only this zone.
+
+            Args:
+                counts: Derivative of the counts of each zone by the variable of this zone, (poses,
+                    zones, bins).
+            """
             for zone in range(zones):
                 column = np.zeros_like(counts)
                 column[:, zone] = counts[:, zone]

@@ -145,7 +145,11 @@ class VisibleEmitters(ExtraRays):
 
 
 class DeltaChains(ExtraRays):
-    """Rays that follow only delta lobes, in the pixels that may see a mirror or clear glass."""
+    """Rays that follow only delta lobes until they hit an emitter, for mirror images of emitters.
+
+    The rays are traced in the pixels that may see a mirror or clear glass. They add the emission
+    that they hit.
+    """
 
     kind = Kind.CHAIN
     most = 4

@@ -22,7 +22,10 @@ M = TypeVar("M", bound=Measurement)
 
 @dataclass(frozen=True)
 class Techniques:
-    """Techniques that a render may use for caustics and mirror images, see `caustics`."""
+    """Which techniques a render may use for caustics and mirror images.
+
+    The module `caustics` describes the techniques, and chooses one for each kind of paths.
+    """
 
     # Photons that are aimed at mirrors and clear glass
     caustic_photons: bool

@@ -125,7 +125,11 @@ def _check_folder(path: str | os.PathLike, overwrite: bool) -> None:
 
 
 def _is_unmarked(name: str) -> bool:
-    """Return whether a file of this name may lie next to files with the mark."""
+    """Return whether this package writes a file of this name without its mark.
+
+    Examples are figures, videos and archives. Such a file can be replaced only if its folder also
+    contains a file with the mark, see `contents`.
+    """
     return is_listed(name) and not is_listed(name, marked=True)
 
 

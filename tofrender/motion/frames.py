@@ -67,9 +67,16 @@ class Shutter:
         return self
 
     def parts(self, item: WorkItem, time_s: float, row: int) -> Iterator[tuple[float, WorkItem]]:
-        """Return times of poses and what is seen in each, of a frame whose first row is `row`.
+        """Yield the parts of a frame: the time of a pose [s], and the work item of this pose.
 
-        The poses share the samples of one point set.
+        With a row time, each row is exposed later than the row above. Without a row time, all rows
+        are exposed together. Each pose is in the middle of an equal part of the exposure, and gets
+        an equal part of the samples. The samples of all poses belong to one point set.
+
+        Args:
+            item: The pixels and samples of the whole frame.
+            time_s: Time at which the first row of the film without a crop starts [s].
+            row: Row of the film where the crop window, and therefore `item`, starts.
         """
         poses: Any = self.poses
         edges = [item.count * k // poses for k in range(poses + 1)]

@@ -141,7 +141,11 @@ def require_poses(name: str, poses: Any) -> np.ndarray:
 
 
 def _moving_parts(job: Job, attached: Sequence[str]) -> list[str]:
-    """Return the ids of the sensor and of the attached parts."""
+    """Return the ids of the parts that move with the sensor: the sensor and the attached parts.
+
+    Raises:
+        ValueError: The scene has moving parts, or an attached id does not name a movable part.
+    """
     if motions_of(job.scene):
         raise ValueError("the scene has moving parts; render_poses supports scenes at rest")
     if isinstance(attached, str):

@@ -166,7 +166,18 @@ def _has_target(sensor: mi.Sensor) -> bool:
 
 
 def _on_plane(scene: mi.Scene | None, ray: mi.Ray3f) -> mi.Point3f:
-    """Return the point where a ray crosses the plane that touches the sphere around the scene."""
+    """Return the start of the path length of a ray of a `distant` sensor with a target.
+
+    The start is on the plane perpendicular to the ray that touches the sphere around the scene on
+    the side from which the ray comes.
+
+    Args:
+        scene: The scene. None is refused.
+        ray: The camera ray.
+
+    Raises:
+        ValueError: The scene is missing.
+    """
     if scene is None:
         raise ValueError(
             "sensor: a distant sensor with a target needs the scene. Pass `scene` as well"

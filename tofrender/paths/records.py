@@ -19,7 +19,15 @@ H = TypeVar("H")  # Type of the history that an endpoint keeps of a path
 
 
 def _mask(flag: str, doc: str) -> property:
-    """Return a property of `Path` for a mask that the field `flag` stores as an integer."""
+    """Return a property of `Path` that reads and sets a mask.
+
+    The field `flag` stores the mask as an integer, 1 in lanes where the mask is true and otherwise
+    0.
+
+    Args:
+        flag: Name of the field.
+        doc: Docstring of the property.
+    """
 
     def read(path: Path) -> mi.Bool:
         return getattr(path, flag) != 0

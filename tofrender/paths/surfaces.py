@@ -53,7 +53,11 @@ def table_of(emitters: Sequence[mi.Emitter], values: Sequence, dtype: type) -> n
 
 
 def materials(scene: mi.Scene) -> list[mi.BSDF]:
-    """Return the BSDFs of all shapes, including shapes in shape groups of instances."""
+    """Return the BSDFs of all shapes, including shapes in shape groups of instances.
+
+    The list contains a BSDF several times if several shapes have it. In a scene with instances, the
+    list also contains the nested BSDFs.
+    """
     shapes = scene.shapes()
     if any(shape.class_name() == "Instance" for shape in shapes):
         return bsdfs_in(scene)

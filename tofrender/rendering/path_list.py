@@ -165,7 +165,10 @@ def _plan(scene: mi.Scene, camera: mi.Sensor) -> Plan:
 
 @dataclass
 class _Step:
-    """Measurement that stores the contributions of a step: emission first, then connections."""
+    """Measurement that lists the contributions of one step of the path loop.
+
+    The emission that the ray hits comes first, then the contribution of the connection.
+    """
 
     found: list[Contribution] = field(default_factory=list)
 

@@ -91,11 +91,15 @@ class StoredFilm(GroupStore[WorkItem, TileReceipt]):
         return f"tile {part.y} {part.x}"
 
     def _indices(self, part: WorkItem) -> Any:
-        """Return the pixels of a work item."""
+        """Return the slices of rows and columns that select a work item in each array."""
         return np.s_[part.y : part.y + part.height, part.x : part.x + part.width]
 
     def _file_names(self, part: WorkItem) -> list[str]:
-        """Return the names of all files that may contain a work item."""
+        """Return the names of all files that contain the pixels of a work item.
+
+        Each array has one file for each tile. A file that contains only zeros may be missing on the
+        disk.
+        """
         rows, columns = self.tile
         return [
             "/".join([array, "c", str(y), str(x), *("0" for _ in (DIMS | ERRORS)[array][2:])])

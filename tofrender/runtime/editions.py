@@ -58,7 +58,20 @@ def error_for(package: str, name: str, reason: LeftOut) -> LeftOut:
 
 
 def placeholder(class_name: str, plugin_name: str, kind: str, home: str) -> Any:
-    """Make a placeholder for a missing "integrator" or "emitter"; None for other kinds."""
+    """Make a class that replaces an integrator or emitter that this edition lacks.
+
+    A scene with the placeholder can be loaded, because the placeholder accepts all parameters. An
+    integrator raises `LeftOut` on render. The message contains the reason from `edition.json`.
+
+    Args:
+        class_name: Name of the missing class.
+        plugin_name: Name of the plugin in scenes.
+        kind: Kind of the plugin, for example "integrator".
+        home: Module that defines the class.
+
+    Returns:
+        The class, None if the kind is neither "integrator" nor "emitter".
+    """
     import mitsuba as mi
 
     bases: dict[str, Any] = {"integrator": mi.SamplingIntegrator, "emitter": mi.Emitter}

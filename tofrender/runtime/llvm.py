@@ -200,7 +200,11 @@ def _best(libraries: list[Library]) -> Library | None:
 
 
 def _preference(major: int) -> tuple[bool, int]:
-    """Return a sort key: the newest tested version, otherwise the oldest untested version."""
+    """Return the sort key of a major version of LLVM. The largest key is preferred.
+
+    The largest key is that of the newest tested version. If all versions are newer than the tested
+    versions, the largest key is that of the oldest version.
+    """
     return (True, major) if major <= NEWEST_TRIED else (False, -major)
 
 
@@ -250,7 +254,14 @@ def _folders(system: System) -> Iterator[Path]:
 
 
 def _inspect(path: Path) -> Library:
-    """Check a file without loading it into this process."""
+    """Check whether a file is a libLLVM that Dr.Jit can use, without loading it into this process.
+
+    The header of the file is read, and the version is taken from the file name. If the name
+    contains no version, a subprocess loads the file and asks for the version.
+
+    Returns:
+        The library with its version. If the library is not usable, `problem` contains the reason.
+    """
     # Can the file be read?
     try:
         real = path.resolve(strict=True)

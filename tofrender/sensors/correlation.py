@@ -43,7 +43,20 @@ def expected_taps(
 def sample_taps(
     rng: np.random.Generator, means: Any, read_noise: float = 0.0, full_well: float = np.inf
 ) -> np.ndarray:
-    """Simulate taps [electrons] with shot noise, read noise, and saturation at the full well."""
+    """Simulate the measured electrons of taps.
+
+    Shot noise and read noise are added to the expected electrons. Then the sum is clipped at the
+    full well, so the result can be negative but not above the full well.
+
+    Args:
+        rng: Generator of random numbers.
+        means: Expected electrons of each tap, of any shape.
+        read_noise: Standard deviation of the read noise [electrons].
+        full_well: Largest number of electrons of a tap.
+
+    Returns:
+        Electrons of each tap, in the shape of `means`.
+    """
     means = np.asarray(means)
     taps = rng.poisson(means) + rng.normal(0, read_noise, means.shape)
     return np.minimum(taps, full_well)

@@ -143,7 +143,16 @@ class _Map(NamedTuple):
 def _draw(
     grid: PictureGrid, blocks: list[tuple[int, str, list[_Map]]], first: Axes | None = None
 ) -> Axes | None:
-    """Draw blocks of maps from their top rows, with labels on the left. Return the first axes."""
+    """Draw blocks of maps into a grid, and add the color bars.
+
+    Args:
+        grid: The grid.
+        blocks: Top row, label at the left, and maps of each block.
+        first: Axes whose limits all maps share; None to use those of the first map.
+
+    Returns:
+        The axes with the shared limits, None without maps.
+    """
     drawn = []
     for top, label, maps in blocks:
         for k, each in enumerate(maps):

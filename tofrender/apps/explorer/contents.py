@@ -26,7 +26,10 @@ ALIGNMENT = 8  # Alignment of arrays in the bytes
 
 @dataclass
 class Contents:
-    """A header, and bytes with all arrays. The header contains their positions."""
+    """Contents of an explorer page: a header for JSON, and one block of bytes with all arrays.
+
+    `header["parts"]` contains the type, length and position of each array in the bytes.
+    """
 
     header: dict[str, Any]
     data: bytes

@@ -102,6 +102,11 @@ class App(pn.custom.JSComponent):
 
 
 def failure(title: str, error: BaseException) -> dict[str, str]:
-    """Return a message with the first line of an error, and its other lines as code."""
+    """Describe an error as a message of the page.
+
+    Returns:
+        A dict. `kind` is "bad", `title` is the given title, `text` is the first line of the error,
+        and `code` contains its other lines.
+    """
     first, _, rest = str(error).partition("\n")
     return {"kind": "bad", "title": title, "text": first, "code": rest}

@@ -25,7 +25,13 @@ TESTING = "Testing …", ""
 
 
 class Tester(App):
-    """The page of one reader. It starts with a subject and its given parameters."""
+    """The page of the warp tester for one user.
+
+    Args:
+        shared: Engine that all users share.
+        subject: Name of the warp, shape or light that the page shows first.
+        given: Values of its parameters, and the image if the warp needs an image.
+    """
 
     _esm = bundle.javascript(
         "ui/parts",

@@ -109,7 +109,11 @@ FORMATS = {each.__name__: each for each in (gradescope, prairielearn, classroom5
 
 
 def _tests(content: Content) -> Iterator[tuple[Mapping[str, Any], str]]:
-    """Yield each test with the reason that a student may read."""
+    """Yield each test of a results file together with the reason of its result.
+
+    The reason of a test that students must not see is replaced by a neutral sentence. The reason of
+    a test that has passed is empty.
+    """
     for test in content["tests"]:
         shown = test["visibility"] == "visible" or not test["output"]
         yield test, test["output"] if shown else "The reason is not shown for this test."

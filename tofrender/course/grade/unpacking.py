@@ -394,7 +394,11 @@ def _open_archive(source: Path) -> Iterator[list[_Entry]]:
 
 
 def _zip_entry(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Entry:
-    """Describe an entry of a zip archive."""
+    """Describe an entry of a zip archive in the common form for zip and tar.
+
+    Links, devices and encrypted entries get a `fault`, which is the reason why the entry is
+    refused.
+    """
     kind = stat.S_IFMT(info.external_attr >> 16)
     fault = ""
     if kind not in (0, stat.S_IFREG, stat.S_IFDIR):

@@ -96,6 +96,10 @@ def load_file(path: Path) -> ModuleType:
 def main(configuration: str) -> None:
     """Answer questions until standard input ends.
 
+    Each line of standard input is the number of a question. The question is read from NUMBER.npz in
+    the folder of questions. The answer, or the error, is written to NUMBER.npz in the folder of
+    answers. Answer 0 reports that the worker is ready.
+
     Args:
         configuration: Path of the JSON file that `client.Worker` wrote.
     """

@@ -187,7 +187,22 @@ def _continue_wall(
     origins: np.ndarray,
     directions: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Replace points and normals, both (n, 3), of the pixels that are not `on_wall`."""
+    """Set the points and normals of pixels that miss the wall.
+
+    Such a pixel gets the point and the normal of the nearest pixel on the wall, in the order of the
+    arrays. On a flat wall, the point is instead the intersection of the pixel's ray with the plane
+    of the wall, if the ray meets the plane.
+
+    Args:
+        points: Point of each pixel [m], (n, 3).
+        normals: Unit normal of each pixel, (n, 3).
+        on_wall: Whether each pixel looks at the wall, (n,).
+        origins: Origin of the ray of each pixel [m], (n, 3).
+        directions: Direction of the ray of each pixel, (n, 3).
+
+    Returns:
+        Points and normals of all pixels.
+    """
     # Use the point of the nearest pixel on the wall
     index = np.arange(len(points))
     known = np.flatnonzero(on_wall)

@@ -196,7 +196,15 @@ class Guided(ScatteringWrapper):
         return bsdf_eval, bsdf_sample
 
     def complete_sample(self, path: Path, vertex: Vertex) -> Path:
-        """End paths with an occluded target point, and divide by the density of both techniques."""
+        """Weight a sample with the combined density of BSDF sampling and target sampling.
+
+        This is the one-sample model of the module. The throughput is multiplied by the density of
+        the chosen technique, divided by the combined density. A path whose target point is occluded
+        ends.
+
+        Returns:
+            A copy of the path with its new throughput, density and mask.
+        """
         path = copy(self.inner.complete_sample(path, vertex))
         assert path.guide is not None
 
