@@ -370,7 +370,7 @@ SHEETS = {
     "id,late_days\nada,1_0\n": "must be a number",
     "id,a0.a\nada,5\n": "line 2: a0.a = '5': must be a number from 0 to 4, or empty",
     "id,a0.text\nada,many\n": "a0.text = 'many': must be a number from 0 to 4",
-    "id,a0.c\nada,5\n": "column 'a0.c' is unknown; must be one of id, name, late_days, note, a0.a",
+    "id,a0.c\nada,5\n": "column 'a0.c' is unknown; must be one of id, name, late_days, handed_in",
     "id\nzoe\n": "line 2: id 'zoe' is not one of the class",
     "id\nada\nada\n": "line 3: id 'ada' occurs more than once",
     "id,note\nada,x,y\n": "line 2: has 3 cells",
