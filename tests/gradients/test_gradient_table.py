@@ -163,9 +163,9 @@ def test_larger_passes_of_a_gpu_have_the_same_derivative(monkeypatch):
     sizes = []
 
     class Counted(derivatives.Rays):
-        def __init__(self, of, sampler, pixel, spp):
-            sizes.append(spp)
-            super().__init__(of, sampler, pixel, spp)
+        def __init__(self, **named):
+            sizes.append(named["spp"])
+            super().__init__(**named)
 
     monkeypatch.setattr(derivatives, "Rays", Counted)
     monkeypatch.setattr(derivatives, "PASS_SAMPLES", 16)

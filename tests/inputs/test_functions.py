@@ -166,7 +166,7 @@ KINDS = {
     "picture": "distance_m laser_grid laser_normals sensor_grid sensor_normals truth",
     "pixel": "x y",
     "place": "laser_origin sensor_origin",
-    "point": "angular_velocity centre corner e0 e1 laser o point position rotation_center v0 v1 v2 "
+    "point": "angular_velocity center corner e0 e1 laser o point position rotation_center v0 v1 v2 "
     "velocity wi",
     "positive": "bin_width bin_width_opl bin_width_s cycles distance exposure f_number "
     "focal_length_m full_well half_width intensity_scale lamp_power_w learning_rate "

@@ -228,7 +228,7 @@ def test_foreign_scene_info_and_missing_normals(tmp_path):
         ({"H_format": np.int32([2])}, "H with shape .*: must be T_Lx_Ly_Sx_Sy"),
         ({"laser_grid_xyz": np.zeros((2, 2, 3))}, "laser_grid_xyz with .*one point or equal"),
         ({"sensor_grid_normals": None}, "normals are missing"),
-        ({"sensor_xyz": None}, "sensor_origin, laser_origin: must be known"),
+        ({"sensor_xyz": None}, "sensor_origin, laser_origin: must be finite"),
     ],
 )
 def test_broken_files_in_one_line(tmp_path, changes, message):
