@@ -21,7 +21,8 @@ ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "docs"
 SOURCE, EXAMPLES, HTML = BUILD / "source", BUILD / "examples", BUILD / "html"
 EXTENSIONS = ROOT / "docs/_ext"
-MOST_BYTES = 3e6  # Of a page with all that it loads, which a phone is to get in seconds
+MOST_BYTES = 3e6  # Of a page with all that it loads at once, which a phone is to get in seconds
+MOST_BYTES_OF_FRAME = 2e6  # Of a page within a page, which loads when a reader scrolls to it
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^()\s:]+)\)")
 TEXT = (".md", ".ipynb")
 FILM = "the film of the start page"
@@ -163,7 +164,10 @@ def shrink_pictures() -> None:
 
 
 def pages() -> Iterator[tuple[Path, list[tuple[str, str, str]], set[str]]]:
-    """Each page of the site with the (tag, attribute, address) in it, and its anchors."""
+    """Yield each page of the site with the (tag, attribute, address) in it, and its anchors.
+
+    The tag of a frame that loads when a reader scrolls to it is "lazy iframe".
+    """
     from html.parser import HTMLParser
 
     class Reader(HTMLParser):
@@ -173,6 +177,8 @@ def pages() -> Iterator[tuple[Path, list[tuple[str, str, str]], set[str]]]:
             self.anchors: set[str] = {""}
 
         def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            if ("loading", "lazy") in attrs and tag == "iframe":
+                tag = "lazy iframe"
             for name, value in attrs:
                 if name in ("href", "src", "poster") and value:
                     self.addresses.append((tag, name, value))
@@ -204,7 +210,12 @@ def faults() -> list[str]:
             if parts.scheme or not (parts.path or parts.fragment):
                 continue
             aim = (path.parent / unquote(parts.path)).resolve() if parts.path else path
-            if tag != "a" and aim.is_file():
+            if tag == "lazy iframe" and aim.is_file():
+                size = aim.stat().st_size
+                if size > MOST_BYTES_OF_FRAME:
+                    most = f"{MOST_BYTES_OF_FRAME / 1e6:g} MB"
+                    wrong.append(f"{here}: {address}: {size / 1e6:.1f} MB, must be at most {most}")
+            elif tag != "a" and aim.is_file():
                 loaded.add(aim)
             if not aim.is_file():
                 wrong.append(f"{here}: {name} {address}: no such file")

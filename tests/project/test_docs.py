@@ -225,6 +225,16 @@ def test_pages_that_are_too_large_are_found(build, tmp_path, monkeypatch):
     (tmp_path / "b.html").write_text('<img src="picture.png"><video src="film.mp4"></video>')
     assert build.faults() == ["b.html: 3.5 MB, must be at most 3 MB"]
 
+    # A frame that loads later does not count for the page, but has a limit of its own
+    (tmp_path / "b.html").unlink()
+    (tmp_path / "later.bin").write_bytes(bytes(2_500_000))
+    (tmp_path / "c.html").write_text(
+        '<img src="picture.png"><iframe loading="lazy" src="film.mp4"></iframe>'
+    )
+    assert build.faults() == []
+    (tmp_path / "c.html").write_text('<iframe loading="lazy" src="later.bin"></iframe>')
+    assert build.faults() == ["c.html: later.bin: 2.5 MB, must be at most 2 MB"]
+
 
 def listed() -> list[str]:
     """All names of the API's pages, with the module that they are looked up in."""
