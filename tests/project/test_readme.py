@@ -50,6 +50,15 @@ def small_options() -> dict[str, str]:
     return module.SMALL
 
 
+def environment_of_a_user() -> dict[str, str]:
+    """Return the environment without what `make test` and pytest add for the processes they start.
+
+    `make test ARGS=...` would pass its ARGS on to `make render`.
+    """
+    added = re.compile("PY|MAKE|MFLAGS$|ARGS$|OUT$|SHARD$")
+    return {name: text for name, text in os.environ.items() if not added.match(name)}
+
+
 class Clone:
     """A folder in which the steps of the README run one after another."""
 
@@ -69,7 +78,7 @@ class Clone:
         done = subprocess.run(
             ["sh", "-e", "-c", "\n".join([*self.prelude, script])],
             cwd=self.folder,
-            env={name: os.environ[name] for name in os.environ if not name.startswith("PY")},
+            env=environment_of_a_user(),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -47,7 +47,8 @@ def later_leaks(assignment: Assignment, folder: Path) -> list[str]:
     """Find solutions of later assignments in an edition.
 
     Later assignments are in the same folder and have a greater id. Their solutions are the files of
-    `solutions/`, and the modules that their problems withhold.
+    `solutions/`, and the modules that their problems withhold. An assignment without `solutions/`
+    is a copy that a student has started, and is not searched for.
 
     Args:
         assignment: Assignment of the edition.
@@ -59,7 +60,7 @@ def later_leaks(assignment: Assignment, folder: Path) -> list[str]:
     modules = {}
     for path in sorted(assignment.folder.parent.glob("*/rubric.toml")):
         later = Assignment(path.parent)
-        if later.rubric.id > assignment.rubric.id:
+        if later.solutions.is_dir() and later.rubric.id > assignment.rubric.id:
             withheld_by = chosen(later.rubric)
             modules[later] = [module for module, problem in withheld_by.items() if problem]
     return _found(modules, folder)
