@@ -27,7 +27,7 @@ def fog(runs: int, quick: bool) -> list[Row]:
     """Render the Cornell box in colored fog, and with a cloud, at equal samples and rays."""
     size, spp = (32, 16) if quick else (128, 64)
     rows: list[Row] = []
-    for name, change in (("in coloured fog", _in_fog), ("with a cloud", _with_cloud)):
+    for name, change in (("in colored fog", _in_fog), ("with a cloud", _with_cloud)):
         # Describe the same scene for both integrators
         steady = tofrender.cornell_box_steady_state(width=size, height=size, spp=spp)
         steady["integrator"] = {"type": "volpath", **DEPTH}
@@ -55,7 +55,7 @@ def gates_in_fog(runs: int, quick: bool) -> list[Row]:
             variance, times = noise(functions, max(runs, 8))
             gain = variance[False] / variance[True] * times[False].ratio(times[True])[1]
             target = 25.0 if sigma_t == 10 else None
-            what = f"{sigma_t:g} per metre, gate at {gate:g} m: plain variance x cpu time over ours"
+            what = f"{sigma_t:g} per meter, gate at {gate:g} m: plain variance x cpu time over ours"
             rows.append((what, gain, target))
     return rows
 

@@ -158,7 +158,7 @@ def _mitransient(case: Any, seed: int) -> np.ndarray:
         raise RuntimeError("not run here: it is not installed")
     described = case.describe()
     integrator = described["integrator"]
-    if integrator["type"] != "transient_path" or not hasattr(case.seen, "centres"):
+    if integrator["type"] != "transient_path" or not hasattr(case.seen, "centers"):
         raise RuntimeError("not run: needs this package's plugins")
     if case.of_pulse:
         raise RuntimeError("has no pulse")

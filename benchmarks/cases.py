@@ -22,7 +22,7 @@ from .case_lights import camera_connections, light_samples, lights
 from .case_motion import motion
 from .case_nlos import nlos
 from .case_photons import photons
-from .case_polarised import polarised
+from .case_polarized import polarized
 from .case_reconstruction import reconstruction
 from .case_warps import warps
 from .timing import Row, in_turn, noise, trace
@@ -281,7 +281,7 @@ CASES = {
     "first-film": first_film,
     "fog": fog,
     "gates-in-fog": gates_in_fog,
-    "polarised": polarised,
+    "polarized": polarized,
     "derivatives": derivatives,
     "nlos": nlos,
     "reconstruction": reconstruction,

@@ -110,7 +110,7 @@ def page(results: Results) -> str:
             ("cube", "mean variance of all bins of all pixels."),
             (
                 "without lamps",
-                """the same, without pixels that see a lamp and their neighbours. These few pixels
+                """the same, without pixels that see a lamp and their neighbors. These few pixels
                 dominate the cube's variance, since their light falls into few bins.""",
             ),
             (

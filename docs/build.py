@@ -150,7 +150,7 @@ def quiet_kernels(folder: Path) -> None:
 
 
 def shrink_pictures() -> None:
-    """Turn pictures of the site into ones of 256 colours, a third of the size."""
+    """Turn pictures of the site into ones of 256 colors, a third of the size."""
     from PIL import Image
 
     for path in (HTML / "_images").glob("*.png"):

@@ -37,7 +37,7 @@ class Panel:
         spp: Samples per pixel.
         exposure: Factor of the radiance; a radiance of 1 / exposure is white.
         gated: Whether the picture shows only light that arrives in the film's bins.
-        shown: Quantity of polarized light, the `shown` of `tofrender.polarisation_picture`,
+        shown: Quantity of polarized light, the `shown` of `tofrender.polarization_picture`,
             rendered in a polarized variant; "" for the picture in color.
         cut: Fraction of the height that is removed at the top and at the bottom.
     """
@@ -123,7 +123,7 @@ PICTURES: dict[str, tuple[Panel, ...]] = {
         _foggy("headlight_in_fog", "headlight", 1024, 0.5),
         _foggy("headlight_in_fog", "gate at 30 m", 1536, 25.0, GATED, gated=True),
     ),
-    "polarised": (
+    "polarized": (
         _polarized("brewster_window", "window", "intensity", spp=1024),
         _polarized("brewster_window", "degree", "degree", spp=1024),
         _polarized("brewster_window", "first light", "intensity", FIRST, 1024, gated=True),
@@ -214,7 +214,7 @@ def _rendered(panel: Panel, width: int) -> np.ndarray:
     # Convert to sRGB
     if panel.shown:
         stokes = image.reshape(*image.shape[:2], 4, -1)
-        return tofrender.polarisation_picture(stokes, panel.shown, exposure=panel.exposure)
+        return tofrender.polarization_picture(stokes, panel.shown, exposure=panel.exposure)
     return tofrender.tonemap(image[..., :3], exposure=panel.exposure)
 
 
@@ -230,7 +230,7 @@ def picture(panels: Iterable[Panel], width: int = PANEL_WIDTH) -> np.ndarray:
     """
     parts: list[np.ndarray] = []
     for panel in panels:
-        image = labelled(render_panel(panel, width), panel.label)
+        image = labeled(render_panel(panel, width), panel.label)
         gap = np.full((image.shape[0], 2, 3), 255, np.uint8)
         parts += [gap, image] if parts else [image]
     return np.concatenate(parts, axis=1)
@@ -262,11 +262,11 @@ def plans_picture(rows: Iterable[Iterable[Plan]]) -> np.ndarray:
     )
 
 
-def labelled(image: np.ndarray, text: str) -> np.ndarray:
+def labeled(image: np.ndarray, text: str) -> np.ndarray:
     """Return the image with white text on black in its lower left corner.
 
     Example:
-        >>> int(labelled(np.full((40, 80, 3), 128, np.uint8), "nee").max())
+        >>> int(labeled(np.full((40, 80, 3), 128, np.uint8), "nee").max())
         255
     """
     if not text:

@@ -51,7 +51,7 @@ def _variant():
 def mitsubas_steps(monkeypatch):
     """Let paths go as Mitsuba's do, so that our pictures are Mitsuba's to float rounding.
 
-    They leave specular surfaces a fraction of a millimetre beside, see `test_lengths.py`, connect
+    They leave specular surfaces a fraction of a millimeter beside, see `test_lengths.py`, connect
     each vertex to one light point, see `test_light_samples.py`, find the lamps that the camera
     sees, see `test_visible_emitters.py`, and no caustics, see `test_caustics.py`.
     """

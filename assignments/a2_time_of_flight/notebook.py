@@ -623,7 +623,7 @@ plt.show()
 # that light can reach. (Cells of this section show nothing until `fog.py` is written.)
 
 # %%
-from fog import absorb, through_polariser, wander
+from fog import absorb, through_polarizer, wander
 
 try:
     ell = 1 / (2.0 * (1 - 0.7))
@@ -661,8 +661,8 @@ try:
     angles = np.linspace(0, np.pi, 91)
     passed = []
     for angle in angles:
-        middle = through_polariser(through_polariser(light, 0.0), angle)
-        passed.append(through_polariser(middle, np.pi / 2)[0])
+        middle = through_polarizer(through_polarizer(light, 0.0), angle)
+        passed.append(through_polarizer(middle, np.pi / 2)[0])
     axes[1].plot(np.degrees(angles), passed)
     axes[1].set(xlabel="angle of the middle polarizer [degrees]", ylabel="light")
     plt.show()

@@ -219,8 +219,8 @@ animation
 
 # %%
 pictures = {"path": path, "light": light, "two": together, "bdpt": render(bdpt, scene)[0]}
-centres = (np.arange(SIZE) + 0.5) / SIZE
-grid = np.stack(np.meshgrid(centres, centres)).reshape(2, -1).astype(np.float32)
+centers = (np.arange(SIZE) + 0.5) / SIZE
+grid = np.stack(np.meshgrid(centers, centers)).reshape(2, -1).astype(np.float32)
 si = scene.ray_intersect(sensor.sample_ray(0, 0.5, mi.Point2f(grid), mi.Point2f(0.5))[0])
 smooth = np.array(mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)).reshape(SIZE, SIZE)
 away = np.array(si.p).T - eye

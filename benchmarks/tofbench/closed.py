@@ -236,7 +236,7 @@ def slab_orders(scene: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
     air = camera["origin"][2] - light["center"][2] - thickness
     index = glass["material"]["index"]
     orders = forms.slab(index, air, thickness, angle)
-    return *orders, forms.slab_unpolarised(index, angle)
+    return *orders, forms.slab_unpolarized(index, angle)
 
 
 def slab(scene: dict, bins: dict) -> np.ndarray:
@@ -340,7 +340,7 @@ def fog(scene: dict, bins: dict) -> np.ndarray:
 
 def moments(scene: dict, bins: dict) -> np.ndarray:
     """Return the weights of light, and of light times length."""
-    return np.array([np.ones(bins["count"]), forms.centres(bins)])
+    return np.array([np.ones(bins["count"]), forms.centers(bins)])
 
 
 def mean_path(scene: dict, bins: dict) -> np.ndarray:
@@ -360,7 +360,7 @@ RATES = (0.0, 0.25, 1.0, 2.0)
 
 def damped(scene: dict, bins: dict) -> np.ndarray:
     """Return weights that decay with the path length, as absorption of rates `RATES` does."""
-    return np.exp(-np.outer(RATES, forms.centres(bins)))
+    return np.exp(-np.outer(RATES, forms.centers(bins)))
 
 
 def half_space(scene: dict, bins: dict) -> np.ndarray:

@@ -17,7 +17,7 @@ def edges(bins: dict) -> np.ndarray:
     return bins["start"] + bins["width"] * np.arange(bins["count"] + 1)
 
 
-def centres(bins: dict) -> np.ndarray:
+def centers(bins: dict) -> np.ndarray:
     """Return the centers of time bins [m]."""
     return bins["start"] + bins["width"] * (np.arange(bins["count"]) + 0.5)
 
@@ -192,7 +192,7 @@ def slab(n: float, air: float, glass: float, angle: float = 0.0, orders: int = 1
     return opl, (both[0] + both[1]) / 2, (both[0] - both[1]) / 2
 
 
-def slab_unpolarised(n: float, angle: float, orders: int = 12) -> np.ndarray:
+def slab_unpolarized(n: float, angle: float, orders: int = 12) -> np.ndarray:
     """Return the orders for renderers that average both reflectances at each face."""
     f = sum(fresnel(n, math.cos(math.radians(angle)))) / 2
     return (1 - f) ** 2 * f ** (2 * np.arange(orders))

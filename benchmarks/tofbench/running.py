@@ -106,8 +106,8 @@ def rendered(renderer: Renderer, cases: list[Case], runs: int, samples: float, f
     left = {case.name: case for case in cases}
     while left:
         # Polarized light needs another variant of Mitsuba, and therefore another process
-        polarised = next(iter(left.values())).bins["quantity"] == "stokes"
-        now = [c for c in left.values() if (c.bins["quantity"] == "stokes") == polarised]
+        polarized = next(iter(left.values())).bins["quantity"] == "stokes"
+        now = [c for c in left.values() if (c.bins["quantity"] == "stokes") == polarized]
 
         # Start the process
         described = [case.request(runs, samples) for case in now]

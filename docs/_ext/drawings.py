@@ -1,6 +1,6 @@
-"""Pictures that are more: drawings in the colours of their page, films, pages within pages.
+"""Pictures that are more: drawings in the colors of their page, films, pages within pages.
 
-A drawing (.svg) becomes part of the page, so that its lines have the colour of the text. A picture
+A drawing (.svg) becomes part of the page, so that its lines have the color of the text. A picture
 becomes a film, or a page to touch, if there is one of its name in `_static/made`.
 """
 
@@ -20,7 +20,7 @@ PLAYS = "matchMedia('(prefers-reduced-motion: reduce)').matches || this.play()"
 
 
 def inlined(svg: str, words: str) -> str:
-    """An SVG file's text without its own colours, which are for pages that show it as a file."""
+    """An SVG file's text without its own colors, which are for pages that show it as a file."""
     svg = re.sub(r"<\?xml.*?\?>|<style>.*?</style>", "", svg, flags=re.DOTALL)
     role = f'role="img" aria-label="{escape(words)}"' if words else 'aria-hidden="true"'
     return svg.replace("<svg ", f'<svg class="drawing" {role} ', 1)

@@ -37,7 +37,7 @@ def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any])
 
 
 def ink(figure: Any, theme: str) -> None:
-    """Remove a figure's white ground; turn what is black and grey on it light for a dark page."""
+    """Remove a figure's white ground; turn what is black and gray on it light for a dark page."""
     from matplotlib.collections import Collection
     from matplotlib.colors import to_rgba, to_rgba_array
     from matplotlib.lines import Line2D
@@ -49,17 +49,17 @@ def ink(figure: Any, theme: str) -> None:
     light, dark = PALETTES["light"], PALETTES["dark"]
     pairs = {to_rgba(light.good): dark.good, to_rgba(light.bad): dark.bad}
 
-    def turned(colour: Any) -> Any:
-        red, green, blue, alpha = to_rgba(colour)
+    def turned(color: Any) -> Any:
+        red, green, blue, alpha = to_rgba(color)
         if theme == "dark" and (red, green, blue, alpha) in pairs:
             return pairs[red, green, blue, alpha]
-        grey = max(red, green, blue) - min(red, green, blue) < 0.05 and red < 0.6
-        return (0.93 - 0.5 * red,) * 3 + (alpha,) if grey and theme == "dark" else colour
+        gray = max(red, green, blue) - min(red, green, blue) < 0.05 and red < 0.6
+        return (0.93 - 0.5 * red,) * 3 + (alpha,) if gray and theme == "dark" else color
 
     def turn_all(artist: Any, *names: str) -> None:
         for name in names:
-            colours = to_rgba_array(getattr(artist, f"get_{name}")())
-            getattr(artist, f"set_{name}")([turned(colour) for colour in colours])
+            colors = to_rgba_array(getattr(artist, f"get_{name}")())
+            getattr(artist, f"set_{name}")([turned(color) for color in colors])
 
     for artist in figure.findobj():
         if isinstance(artist, (Text, Line2D)):

@@ -3,7 +3,7 @@ Arrival times in one picture
 ============================
 
 The hue of a pixel shows when its light arrives, so that a wavefront appears as a band of one
-colour. Hues repeat every ``period_ns``.
+color. Hues repeat every ``period_ns``.
 """
 
 import tofrender

@@ -24,12 +24,12 @@ scene = {
     "lamp": {"type": "point", "position": [-1, 3, 2], "intensity": {"type": "rgb", "value": 20}},
     "floor": {"type": "rectangle", "to_world": lay},
 }
-for number, colour in enumerate(([0.8, 0.2, 0.1], [0.9, 0.9, 0.9], [0.1, 0.3, 0.8])):
+for number, color in enumerate(([0.8, 0.2, 0.1], [0.9, 0.9, 0.9], [0.1, 0.3, 0.8])):
     scene[f"ball_{number}"] = {
         "type": "sphere",
         "center": [1.2 * (number - 1), 0.5, 0],
         "radius": 0.5,
-        "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": colour}},
+        "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": color}},
     }
 
 dataset = tofrender.render(scene, spp=64, window="auto", bins=100)

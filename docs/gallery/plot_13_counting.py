@@ -2,7 +2,7 @@
 A SPAD camera counts
 ====================
 
-Photons that a camera of 64 x 64 SPADs detects in 1 to 3000 laser cycles. Colours are mean arrival
+Photons that a camera of 64 x 64 SPADs detects in 1 to 3000 laser cycles. Colors are mean arrival
 times: blue is early, red is late. The curves are those of a pixel on the floor.
 """
 
@@ -29,9 +29,9 @@ for seed, cycles in enumerate(np.diff(exposures, prepend=0)):
     counts = counts + spad.histogram(rates, int(cycles), seed)["counts"].values
     photons = counts.sum(axis=-1)
     mean_opl = counts @ opl / np.maximum(photons, 1)
-    colour = plt.colormaps["turbo"]((mean_opl - 4.5) / 5)[..., :3]
+    color = plt.colormaps["turbo"]((mean_opl - 4.5) / 5)[..., :3]
     bright = np.sqrt(np.minimum(photons / max(1, np.percentile(photons, 97)), 1))
-    pixels = np.rint(255 * colour * bright[..., None]).astype(np.uint8)
+    pixels = np.rint(255 * color * bright[..., None]).astype(np.uint8)
     frames.append(Image.fromarray(pixels).resize((512, 512), Image.Resampling.NEAREST))
     histograms[int(exposures[seed])] = counts[60, 32]
 

@@ -35,8 +35,8 @@ for time, picture in zip(times, film["steady"].values, strict=True):
     light = tofrender.range_rate(still | blades, **axes_of_rates)["radiance"]
     light = light.sum(("opl", "channel"))
     velocity = ((light * light["rate"] / 2).sum("rate") / light.sum("rate")).values
-    colours = plt.colormaps["RdBu"](velocity / 30 + 0.5)[..., :3]
-    both = np.concatenate([tofrender.tonemap(picture, exposure=3.0) / 255, colours], axis=1)
+    colors = plt.colormaps["RdBu"](velocity / 30 + 0.5)[..., :3]
+    both = np.concatenate([tofrender.tonemap(picture, exposure=3.0) / 255, colors], axis=1)
     frames.append(Image.fromarray(np.rint(255 * np.nan_to_num(both)).astype(np.uint8)))
 
 figure, axes = plt.subplots(figsize=(5, 4), layout="constrained")

@@ -18,7 +18,7 @@ START, WIDTH = 3.5, 0.02
 FREQUENCIES = (20e6, 50e6, 100e6)
 
 
-def centre(bin_index, start=START, width=WIDTH):
+def center(bin_index, start=START, width=WIDTH):
     return start + (bin_index + 0.5) * width
 
 
@@ -42,7 +42,7 @@ def paths(*arrivals, bins=300, channels=1):
 def dataset(data=None, drop=(), **attrs):
     data = paths((40, 1.0)) if data is None else data
     names = ["R", "G", "B"] if data.shape[3] == 3 else ["L"]
-    coords = {"opl": centre(np.arange(data.shape[2])), "channel": names}
+    coords = {"opl": center(np.arange(data.shape[2])), "channel": names}
     attrs = {
         "quantity": "radiance per bin",
         "bin_width_opl": WIDTH,
@@ -61,14 +61,14 @@ def dataset(data=None, drop=(), **attrs):
 @pytest.mark.parametrize("f", FREQUENCIES)
 def test_paths(arrivals, f):
     k = 2 * np.pi * f / C
-    z = sum(a * np.exp(1j * k * centre(index)) for index, a in arrivals)
+    z = sum(a * np.exp(1j * k * center(index)) for index, a in arrivals)
     depth = (np.angle(z) % (2 * np.pi)) / (2 * k)
     for found, expected in zip(
         converted(paths(*arrivals), f), (z.real, z.imag, abs(z), np.angle(z), depth), strict=True
     ):
         assert found == pytest.approx(np.full((2, 3, 1), expected), rel=1e-6)
     if len(arrivals) == 1:
-        assert depth == pytest.approx((centre(137) / 2) % (C / (2 * f)))
+        assert depth == pytest.approx((center(137) / 2) % (C / (2 * f)))
 
 
 def test_fourier_sums_of_noise_for_many_frequencies():
@@ -78,7 +78,7 @@ def test_fourier_sums_of_noise_for_many_frequencies():
     assert [part.shape for part in parts] == [(3, 5, 4, 3)] * 5
     assert {part.dtype for part in parts} == {np.dtype(np.float64)}
     for index, f in enumerate(FREQUENCIES):
-        waves = np.exp(2j * np.pi * f / C * centre(np.arange(70), -0.3, 0.05))
+        waves = np.exp(2j * np.pi * f / C * center(np.arange(70), -0.3, 0.05))
         sums = np.einsum("t,hwtc->hwc", waves, data.astype(float))
         assert parts[0][index] == pytest.approx(sums.real, abs=1e-9)
         assert parts[1][index] == pytest.approx(sums.imag, abs=1e-9)
@@ -87,9 +87,9 @@ def test_fourier_sums_of_noise_for_many_frequencies():
 
 
 def test_scale_of_film_data_and_of_densities():
-    """Film values are summed directly. Radiance per metre is multiplied by the bin width."""
+    """Film values are summed directly. Radiance per meter is multiplied by the bin width."""
     film = paths((30, 0.5), (31, 0.25))
-    density = converted(film / WIDTH, quantity="radiance per metre")
+    density = converted(film / WIDTH, quantity="radiance per meter")
     require_same(converted(film), density, rel=1e-6)
     slow = converted(film, 1.0)  # A period of 300 000 km: nothing wraps
     assert slow[2] == pytest.approx(np.full((2, 3, 1), 0.75))
@@ -122,8 +122,8 @@ def test_phase_is_in_half_open_interval_and_depth_below_the_range():
 
 def test_sum_of_channels_equals_conversion_of_the_sum():
     data = np.random.default_rng(2).random((2, 2, 50, 3))
-    colour, grey = (converted(d, FREQUENCIES) for d in (data, data.sum(axis=3, keepdims=True)))
-    require_same(sum_channels(*colour[:2], FREQUENCIES), grey)
+    color, gray = (converted(d, FREQUENCIES) for d in (data, data.sum(axis=3, keepdims=True)))
+    require_same(sum_channels(*color[:2], FREQUENCIES), gray)
     flat, full = (converted(d) for d in (data[..., 0], data[..., :1]))
     assert flat[0].shape == (2, 2, 1)
     assert all((a == b).all() for a, b in zip(flat, full, strict=True))
@@ -152,7 +152,7 @@ def test_a_dataset_knows_its_time_axis_and_quantity():
     data = paths((137, 0.25), (20, 1.0))
     expected = converted(data, FREQUENCIES)
     require_same(transient_to_phasor(dataset(data), FREQUENCIES), expected, abs=1e-12)
-    density = dataset(data / WIDTH, quantity="radiance per metre")
+    density = dataset(data / WIDTH, quantity="radiance per meter")
     require_same(transient_to_phasor(density, FREQUENCIES), expected, rel=1e-6, abs=1e-9)
     require_same(converted(dataset(data), FREQUENCIES), expected)
     part = transient_to_phasor(dataset().isel(opl=slice(30, 60)), 20e6)[3]
@@ -189,7 +189,7 @@ def test_arguments_that_contradict_the_dataset():
     for name, value in (
         ("start_opl", 0.0),
         ("bin_width_opl", 0.01),
-        ("quantity", "radiance per metre"),
+        ("quantity", "radiance per meter"),
     ):
         refused(
             rf"{name} = .* as the Dataset has it",

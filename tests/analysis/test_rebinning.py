@@ -24,7 +24,7 @@ def made(energy_outside_window=0.0, **options):
         height=4, width=6, bins=12, energy_outside_window=energy_outside_window, **options
     )
     scale = 1 - energy_outside_window
-    if dataset.attrs["quantity"] == "radiance per metre":
+    if dataset.attrs["quantity"] == "radiance per meter":
         scale /= WIDTH
     dataset["steady"] /= np.float32(scale)
     return dataset
@@ -53,7 +53,7 @@ def test_cut_bins_are_shared():
 
 
 def test_densities_are_averaged():
-    dataset = made(quantity="radiance per metre", units="W m^-3 sr^-1", energy_outside_window=0.5)
+    dataset = made(quantity="radiance per meter", units="W m^-3 sr^-1", energy_outside_window=0.5)
     coarse = rebin(dataset, 6)
     means = dataset["transient"].values.reshape(4, 6, 6, 2, 3).mean(3)
     np.testing.assert_allclose(coarse["transient"], means, rtol=1e-6)

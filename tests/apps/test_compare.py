@@ -62,14 +62,14 @@ def test_files(tmp_path):
 
 
 def film(name: str, start: float, width: float, bins: int, quantity: str) -> Picture:
-    """A film of light that is 1 per metre at a path length of 0 and grows by 1 each metre."""
+    """A film of light that is 1 per meter at a path length of 0 and grows by 1 each meter."""
     opl = start + width * (np.arange(bins) + 0.5)
     values = np.tile((1 + opl) * (width if "bin" in quantity else 1), (2, 3, 1)).astype(np.float32)
     return Picture(name, values.sum(2)[..., None], Transient(values, start, width, 0, 0, quantity))
 
 
 def test_films_of_other_bins_are_shown_at_the_same_time():
-    a, b = film("a", 1, 0.5, 8, "radiance per bin"), film("b", 2, 0.125, 40, "radiance per metre")
+    a, b = film("a", 1, 0.5, 8, "radiance per bin"), film("b", 2, 0.125, 40, "radiance per meter")
     pair = Pair(a, b)
     assert (pair.clock.start, pair.clock.width, pair.clock.count) == (2, 0.125, 24)
     for step in (0, 1, 11, 23):

@@ -2,7 +2,7 @@
 
 import pytest
 from helpers.accessible import hindrances
-from helpers.explorer_page import moving, opened, polarised, set_
+from helpers.explorer_page import moving, opened, polarized, set_
 
 from tofrender.apps.explorer.contents import contents_of
 
@@ -13,7 +13,7 @@ SIZES = [(1400, 900), (800, 600), (390, 844)]
 @pytest.mark.parametrize("dark", [False, True])
 def test_nothing_hinders_readers(tmp_path, dark, width, height):
     viewport = {"width": width, "height": height}
-    with opened(tmp_path, contents_of(polarised()), dark=dark, viewport=viewport) as page:
+    with opened(tmp_path, contents_of(polarized()), dark=dark, viewport=viewport) as page:
         for view in ("light", "gate", "peak", "phasor"):
             set_(page, view=view, stokes="S1" if view == "gate" else "S0")
             assert hindrances(page) == []
@@ -40,7 +40,7 @@ def test_play_and_curves_are_in_sight(tmp_path):
     """At 800 x 600, without scrolling; a wide picture and a tall one are not stretched."""
     viewport = {"width": 800, "height": 600}
     whole = moving()
-    for data in (whole, whole.isel(x=slice(0, 8)), whole.isel(y=slice(0, 6)), polarised()):
+    for data in (whole, whole.isel(x=slice(0, 8)), whole.isel(y=slice(0, 6)), polarized()):
         with opened(tmp_path, contents_of(data), viewport=viewport) as page:
             set_(page, stokes="angle" if "stokes" in data.dims else "S0")
             for name in (".play", "canvas.plot", ".frame"):

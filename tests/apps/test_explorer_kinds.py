@@ -1,4 +1,4 @@
-"""Light of all kinds in the report: polarised, unknown, below 0, of one bin or channel, phasors."""
+"""Light of all kinds in the report: polarized, unknown, below 0, of one bin or channel, phasors."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from helpers.explorer_page import (
     moving,
     opened,
     picture,
-    polarised,
+    polarized,
     set_,
     settle,
     state,
@@ -24,7 +24,7 @@ from tofrender.apps.explorer.page import page_of
 from tofrender.cli.app import main
 from tofrender.io import save_exr_layers
 from tofrender.motion.frames import join_frames
-from tofrender.signals.colour import LUMINANCE
+from tofrender.signals.color import LUMINANCE
 from tofrender.vis import luminance
 
 INK = """name => {
@@ -39,8 +39,8 @@ INK = """name => {
 
 
 @pytest.mark.essential
-def test_polarised_light_is_shown_by_component_degree_and_angle(tmp_path):
-    data = polarised()
+def test_polarized_light_is_shown_by_component_degree_and_angle(tmp_path):
+    data = polarized()
     given = data["transient"].values[..., 0]  # y, x, bins, stokes
     contents = contents_of(data, packed=True)
     s0 = values_of(contents)[..., 0]
@@ -50,7 +50,7 @@ def test_polarised_light_is_shown_by_component_degree_and_angle(tmp_path):
         assert off.max() < about["ratio"] ** 0.5 - 1 + 0.5 * (abs(given[..., k]) < 0.01).any()
         large = abs(given[..., k]) > 10 * about["least"]
         assert (np.sign(found) == np.sign(given[..., k]))[large].all()
-    colours = {name: contents.part(f"map {name}").reshape(256, 3) for name in ("distance", "phase")}
+    colors = {name: contents.part(f"map {name}").reshape(256, 3) for name in ("distance", "phase")}
     y, x, bin_ = 20, 10, 22
     degree, angle = np.linspace(0.2, 1, HEIGHT)[y], np.degrees(np.linspace(0, 3, WIDE)[x])
     with opened(tmp_path, contents) as page:
@@ -71,7 +71,7 @@ def test_polarised_light_is_shown_by_component_degree_and_angle(tmp_path):
             curve = np.array(now["curves"][0]["values"], float)
             assert curve[lit] == pytest.approx(np.full(lit.sum(), value), rel=0.12)
             level = round(255 * value / unit)
-            assert abs(picture(page)[y, x] - colours[map_][level].astype(int)).max() < 40
+            assert abs(picture(page)[y, x] - colors[map_][level].astype(int)).max() < 40
         assert "Angle" in page.locator(".assumes").first.inner_text()
 
 
@@ -89,8 +89,8 @@ def test_what_is_not_finite_or_below_0_is_said(tmp_path):
         for view in ("light", "gate", "peak"):
             set_(page, view=view)
             assert "not finite" in legend.inner_text()
-            grey = picture(page)[4:7, 8:12]
-            assert (grey[..., 0] == grey[..., 2]).all()
+            gray = picture(page)[4:7, 8:12]
+            assert (gray[..., 0] == gray[..., 2]).all()
         page.locator("summary").click()
         assert page.get_by_text("All pixels and bins are there").count() == 0
     with opened(tmp_path, contents_of(moving())) as page:
@@ -111,11 +111,11 @@ def test_a_block_with_a_pixel_that_is_not_finite_is_hatched(tmp_path):
         assert tuple(picture(page)[3 // step, 7 // step]) in ((108,) * 3, (148,) * 3)
 
 
-def test_a_film_of_one_channel_says_its_colours(tmp_path):
+def test_a_film_of_one_channel_says_its_colors(tmp_path):
     data = moving().isel(channel=slice(0, 1)).assign_coords(channel=["L"])
     with opened(tmp_path, contents_of(data)) as page:
-        colours = page.get_by_label("Colours")
-        assert colours.evaluate("select => select.selectedOptions[0].label") == "grey"
+        colors = page.get_by_label("Colors")
+        assert colors.evaluate("select => select.selectedOptions[0].label") == "gray"
 
 
 def test_a_reconstruction_opens_at_its_largest_voxel(tmp_path):
@@ -283,7 +283,7 @@ def test_frames_of_an_animation(tmp_path):
             np.testing.assert_allclose(
                 now["curves"][0]["values"], given, rtol=0.08, atol=1e-3 * given.max()
             )
-            now = set_(page, view="total", colours="colour")
+            now = set_(page, view="total", colors="color")
             expected = 255 * np.minimum(1, now["gain"] * frame["steady"].values) ** (1 / 2.2)
             assert np.abs(picture(page) - expected).max() < 12
             assert f"{k + 1} of 3 at {0.25 * k + 0.5:g} s" in page.locator(".look").inner_text()

@@ -12,7 +12,7 @@ from helpers.explorer_page import (
     moving,
     opened,
     picture,
-    polarised,
+    polarized,
     saved,
     set_,
     settle,
@@ -37,7 +37,7 @@ def kept(state: dict) -> dict:
 @pytest.mark.parametrize(("width", "height"), [(1400, 900), (800, 600), (390, 844)])
 def test_a_link_restores_the_view(tmp_path, width, height):
     viewport = {"width": width, "height": height}
-    contents = contents_of(polarised(), packed=True)
+    contents = contents_of(polarized(), packed=True)
     with opened(tmp_path, contents, FRAGMENT, viewport=viewport) as page:
         now = state(page)
         assert (now["view"], now["stokes"], now["log"]) == ("gate", "S2", True)
@@ -149,10 +149,10 @@ def test_the_picture_as_png(tmp_path, dark):
             assert found[-1, -1].tolist() == ([20, 23, 26] if dark else [255, 255, 255])
 
 
-@pytest.mark.parametrize("colours", ["colour", "false"])
-def test_the_film_as_gif(tmp_path, colours):
+@pytest.mark.parametrize("colors", ["color", "false"])
+def test_the_film_as_gif(tmp_path, colors):
     with opened(tmp_path, contents_of(moving()), accept_downloads=True) as page:
-        set_(page, colours=colours)
+        set_(page, colors=colors)
         with Image.open(saved(page, "GIF", tmp_path)) as film:
             assert film.n_frames == BINS
             assert film.info["duration"] == 50  # As on the page, 20 bins a second

@@ -127,10 +127,10 @@ def test_phasors_follow_the_frequency(tmp_path, shown):
                 assert found["amplitude"] == pytest.approx(amplitude[y, x], rel=0.01)
                 assert found["phase"] == pytest.approx(phase[y, x], abs=0.01)
                 assert found["depth"] == pytest.approx(depth[y, x], abs=0.01 / frequency * 5e7)
-            colours = contents.part("map phase").reshape(256, 3).astype(int)
+            colors = contents.part("map phase").reshape(256, 3).astype(int)
             level = np.rint(255 * (phase + np.pi) / (2 * np.pi)).astype(int)
-            off = abs(picture(page) - colours[level]).max(axis=2)
-            assert np.quantile(off, 0.95) <= 12  # Of the map's colours, levels apart
+            off = abs(picture(page) - colors[level]).max(axis=2)
+            assert np.quantile(off, 0.95) <= 12  # Of the map's colors, levels apart
 
 
 def test_a_dragged_gate_shows_what_arrives_in_it(tmp_path, shown):
@@ -165,14 +165,14 @@ def test_a_dragged_gate_shows_what_arrives_in_it(tmp_path, shown):
 def test_peaks_and_depths(tmp_path, shown):
     data, contents = shown
     peaks = data["opl"].values[luminance(data["transient"].values).argmax(axis=2)]
-    colours = contents.part("map distance").reshape(256, 3).astype(int)
+    colors = contents.part("map distance").reshape(256, 3).astype(int)
     low, high = (np.sort(peaks, axis=None)[round(q * (peaks.size - 1))] for q in (0.01, 0.99))
     level = np.clip(np.rint(255 * (peaks - low) / (high - low)), 0, 255).astype(int)
     with opened(tmp_path, contents) as page:
         for name, words in (("Peak time", "brightest"), ("Depth", "It assumes a flash")):
             page.get_by_role("radio", name=name, exact=True).first.click()
             settle(page)
-            assert abs(picture(page) - colours[level]).max() <= 6  # A level
+            assert abs(picture(page) - colors[level]).max() <= 6  # A level
             assert words in page.locator(".assumes").first.inner_text()
         bar = page.locator(".bar").inner_text().replace("\n", " ").split()
         assert float(bar[0]) == pytest.approx(low / 2, rel=0.01)
@@ -189,14 +189,14 @@ def test_without_the_way_to_the_camera(tmp_path):
         page.get_by_label("Without the camera segment").click()
         now = state(page)
         assert now["start"] == pytest.approx(before["start"] - 1.36, abs=WIDTH)
-        centres = now["start"] + (np.arange(now["bins"]) + 0.5) * WIDTH
+        centers = now["start"] + (np.arange(now["bins"]) + 0.5) * WIDTH
         for curve in now["curves"]:
             found = np.array(curve["values"])
             line = luminance(expected["transient"].sel(x=curve["x"], y=curve["y"]).values)
-            line = np.interp(centres, expected["opl"].values, line, left=0, right=0)
+            line = np.interp(centers, expected["opl"].values, line, left=0, right=0)
             np.testing.assert_allclose(found, line, rtol=0.06, atol=1e-4)
         frame = picture(page)
-        k = int(np.rint((centres[now["bin"]] - float(expected["opl"][0])) / WIDTH))
+        k = int(np.rint((centers[now["bin"]] - float(expected["opl"][0])) / WIDTH))
         light = expected["transient"].values[:, :, k]
         off = abs(frame - toned(light, now["gain"]))
         assert np.quantile(off, 0.99) <= 8
@@ -241,7 +241,7 @@ def test_captures_show_their_lit_points_and_volumes_their_sides(tmp_path):
         sizes = {"front": values.shape[1:], "side": (values.shape[1], values.shape[0])}
         sizes["top"] = values.shape[0], values.shape[2]
         for view, size in sizes.items():
-            set_(page, view=view, colours="grey")
+            set_(page, view=view, colors="gray")
             assert picture(page).shape[:2] == size
             assert picture(page).max() == 255
         assert page.get_by_text("Phasors").is_hidden()
@@ -268,7 +268,7 @@ def test_the_wall_of_a_capture_has_its_highest_row_on_top(tmp_path, wall, most_b
     block = points[top * step : (top + 1) * step, left * step : (left + 1) * step].reshape(-1, 3)
     assert np.isclose(block, grid[row, column]).all(axis=1).any()
     with opened(tmp_path, contents) as page:
-        now = set_(page, pixels=[[int(left), int(top)]], bin=int(bin_), colours="grey")
+        now = set_(page, pixels=[[int(left), int(top)]], bin=int(bin_), colors="gray")
         lit = np.argwhere(picture(page).max(axis=2) > 100)
         assert lit.tolist() == [[top, left]]
         assert max(now["curves"][0]["values"]) > 0
@@ -323,7 +323,7 @@ def test_pages_of_all_sizes_and_both_lights(tmp_path, shown, dark, width, height
 
 
 def test_the_default_box_is_below_ten_megabytes_and_steps_are_quick(tmp_path):
-    """As rendered, 256 x 256 pixels and 300 bins of three colours; the full cube is drawn too."""
+    """As rendered, 256 x 256 pixels and 300 bins of three colors; the full cube is drawn too."""
     data = tofrender.render("cornell_box", spp=4, window="auto", progress=False)
     path = tofrender.report(data, tmp_path / "box.html")
     assert path.stat().st_size < 10e6

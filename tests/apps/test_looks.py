@@ -1,7 +1,7 @@
 """Pages look as they did when somebody last looked at them: small pictures, kept here.
 
 They are compared at an eightieth of the page's size, so that another font does not matter, and a
-part that is missing, moved or of another colour does. After a change that is wanted, look at the
+part that is missing, moved or of another color does. After a change that is wanted, look at the
 pages, remove the pictures and run this file once.
 """
 

@@ -30,8 +30,8 @@ def made(mode="single", wall=None, **options):
     return capture, volume
 
 
-def centre(*voxel):
-    """Centre of a voxel (x, y, z) in the wall's frame [m]."""
+def center(*voxel):
+    """Center of a voxel (x, y, z) in the wall's frame [m]."""
     ends = zip(voxel, AXES.values(), strict=True)
     return np.array([low + (k + 0.5) * (high - low) / count for k, (low, high, count) in ends])
 
@@ -61,7 +61,7 @@ def projected(points, size, view, volume):
 
 
 def bright(page):
-    """Places (x, y) of pixels in the colour of the largest voxels."""
+    """Places (x, y) of pixels in the color of the largest voxels."""
     red, green, blue = np.moveaxis(picture(page), 2, 0)
     rows, columns = np.nonzero((red > 110) & (green > 110) & (blue < 0.85 * green))
     return np.stack([columns, rows], axis=-1) + 0.5
@@ -80,7 +80,7 @@ def test_voxels_are_where_the_truth_is(tmp_path, size, wall):
             set_(page, pixels=[], across=across, tilt=tilt, zoom=zoom)
             height, width, _ = picture(page).shape
             view = across, tilt, zoom
-            expected = projected(centre(*voxel), (width, height), view, volume)[0]
+            expected = projected(center(*voxel), (width, height), view, volume)[0]
             np.testing.assert_allclose(bright(page).mean(axis=0), expected, atol=3)
         label = page.locator(".volume canvas").first.get_attribute("aria-label")
         assert "3D" in label
@@ -94,7 +94,7 @@ def test_a_plane_covers_what_its_corners_enclose(tmp_path):
         for across, tilt, zoom in VIEWS[1:]:
             set_(page, view="space", pixels=[], across=across, tilt=tilt, zoom=zoom, bin=0)
             height, width, _ = picture(page).shape
-            z = centre(0, 0, 3)[2]
+            z = center(0, 0, 3)[2]
             corners = [(x, y, z) for x in AXES["x"][:2] for y in AXES["y"][:2]]
             view = across, tilt, zoom
             places = projected(corners, (width, height), view, volume)
@@ -117,7 +117,7 @@ def test_the_ellipsoid_is_where_the_path_has_its_length(tmp_path, mode, legs):
     assert normal[row, column] @ [0, 0, 1] == 1
     spots = capture["laser_grid"].values.reshape(-1, 3).astype(float)
     spot = point if mode == "confocal" else spots[laser]
-    length = sum(np.linalg.norm(centre(*voxel) - focus) for focus in (point, spot))
+    length = sum(np.linalg.norm(center(*voxel) - focus) for focus in (point, spot))
     counted = length
     for end, near in (("laser", spot), ("sensor", point)):
         counted += legs * np.linalg.norm(capture[f"{end}_origin"].values - near)

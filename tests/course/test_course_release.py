@@ -534,7 +534,7 @@ def test_assignments_hold_together(name):
     ("old", "new", "text"),
     [
         ('says = ["A pulse."]', "says = []", "a0.pulse: no contract or remark for 'A pulse.'"),
-        ('says = "In metres."', 'says = "In feet."', "no text of a0.range contains 'In feet.'"),
+        ('says = "In meters."', 'says = "In feet."', "no text of a0.range contains 'In feet.'"),
         ('"test_range.py::test_range"', '"test_range.py::test_x"', "a0.range has no test"),
         ('mutants = ["quarter"]', "mutants = []", "must name a test and a mutant"),
         ('mutants = ["quarter"]', 'mutants = ["third"]', "mutants.toml has no mutant third"),
@@ -555,7 +555,7 @@ def test_new_sentences_need_a_contract(tiny):
         return list(contracts.check(tiny))
 
     assert told() == []
-    changed(tiny.folder, "starter/wrapping.py", ('"""In metres.', '"""In metres. Never negative.'))
+    changed(tiny.folder, "starter/wrapping.py", ('"""In meters.', '"""In meters. Never negative.'))
     none = "contracts.toml: a0.{}: no contract or remark for '{}'"
     assert told() == [none.format("range", "Never negative.")]
     text = "\n*Contract.* One; two.\n*Common mistakes.* Three.\n"

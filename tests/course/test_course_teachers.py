@@ -274,7 +274,7 @@ tries = {
     "wrong solutions": lambda: (judging / "mutants.toml").read_text(),
     "right solution": lambda: (judging / "solutions" / "add.py").read_text(),
     "test": lambda: (judging / "tests" / "test_check_staff.py").read_text(),
-    "neighbour": lambda: (here.parents[2] / "submission-other" / "check.py").read_text(),
+    "neighbor": lambda: (here.parents[2] / "submission-other" / "check.py").read_text(),
     "write": lambda: (judging / "new").write_text("x"),
     "mode": lambda: here.chmod(0o777),
     "socket": lambda: socket.socket(),

@@ -107,8 +107,8 @@ def test_values_by_their_path():
         "type": "rgb",
         "value": [1, 2, 3],
     }
-    grey = scene(a={"path": f"{where}.value", "value": 5})
-    assert grey["light"]["emitter"]["radiance"]["value"] == [5, 5, 5]
+    gray = scene(a={"path": f"{where}.value", "value": 5})
+    assert gray["light"]["emitter"]["radiance"]["value"] == [5, 5, 5]
     brighter = scene(a={"path": where, "value": 2, "times": True})
     old = cornell_box()["light"]["emitter"]["radiance"]["value"]
     assert brighter["light"]["emitter"]["radiance"]["value"] == [2 * x for x in old]

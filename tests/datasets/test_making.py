@@ -592,7 +592,7 @@ def test_a_sensor_measures_each_record(tmp_path):
     axes = ("record", "sensor_y", "sensor_x", "sensor_bin")
     assert made["sensor_counts"].dims == made["sensor_expected"].dims == axes
     assert made["sensor_counts"].shape == (2, 3, 4, 60)
-    assert np.allclose(made["sensor_bin"], made["opl"])  # Metres
+    assert np.allclose(made["sensor_bin"], made["opl"])  # Meters
     plan = str(datasets.plan_dataset(config))
     assert "sensor_counts" in plan
     for index in (0, 1):

@@ -215,7 +215,7 @@ def test_gaussians_have_exact_bin_masses(options, width, lengths):
 
 @pytest.mark.parametrize("name", ["", None])
 def test_temporal_filter_empty_takes_the_film_filter(name):
-    """A tent of radius 1 pixel in space is one of radius 1 bin in time, normalised."""
+    """A tent of radius 1 pixel in space is one of radius 1 bin in time, normalized."""
     options = {} if name is None else {"temporal_filter": name}
     window = film(**WINDOW, rfilter={"type": "tent"})
     _, transient = rendered(lamp_at(3.03, window, **options))
@@ -344,8 +344,8 @@ TILES = [(0, 0, 5, 2), (5, 0, 3, 2), (0, 2, 5, 4), (5, 2, 3, 4)]
 FILTERS = {"box": {"type": "box"}, "tent": {"type": "tent", "radius": 2.0}}
 
 
-def centres(rfilter: str, border: bool, **crop) -> dict:
-    """A wall that glows in squares, seen at the centres of pixels: no noise, whatever the tile.
+def centers(rfilter: str, border: bool, **crop) -> dict:
+    """A wall that glows in squares, seen at the centers of pixels: no noise, whatever the tile.
 
     Their light arrives at lengths that differ by a few bins.
     """
@@ -369,13 +369,13 @@ def developed(target) -> list[np.ndarray]:
 
 def merge(rfilter: str, border: bool, tiles: list):
     """Films of the whole picture: rendered at once, and merged of tiles."""
-    whole = load(centres(rfilter, border))
+    whole = load(centers(rfilter, border))
     mi.render(whole, spp=4)
-    merged = mi.load_dict(centres(rfilter, border)["wall"]["sensor"]["film"], parallel=False)
+    merged = mi.load_dict(centers(rfilter, border)["wall"]["sensor"]["film"], parallel=False)
     merged.prepare([])
     for x, y, width, height in tiles:
         crop = {"crop_offset_x": x, "crop_offset_y": y, "crop_width": width, "crop_height": height}
-        part = load(centres(rfilter, border, **crop))
+        part = load(centers(rfilter, border, **crop))
         mi.render(part, spp=4)
         merged.merge_tile(part.sensors()[0].film())
     return whole.sensors()[0].film(), merged

@@ -15,7 +15,7 @@ from helpers.support import camera, scene as described
 from oracles.lamp_above_floor import INTENSITY, POSITION, scene
 
 import tofrender
-from tofrender.rendering.labels import labelled
+from tofrender.rendering.labels import labeled
 
 TRUE, START = (0.2, -0.1, 1.5), (-0.3, 0.2, 1.2)
 RATES = {POSITION: 0.05, INTENSITY: 0.1}
@@ -116,7 +116,7 @@ def test_takes_a_dataset():
         (lambda d: d["transient"].isel(opl=slice(None, None, 2)), "the bins are 0.1 m apart"),
         (lambda d: d.expand_dims(frame=1), "the additional axis frame"),
         (lambda d: d.assign_attrs(camera_unwarp=1), "lack the segment to the camera"),
-        (lambda d: d.assign_attrs(quantity="radiance per metre"), "radiance per bin"),
+        (lambda d: d.assign_attrs(quantity="radiance per meter"), "radiance per bin"),
     ],
 )
 def test_other_pixels_bins_and_path_lengths_are_refused(change, said):
@@ -149,10 +149,10 @@ def along_opl(target: np.ndarray, start: float):
     dataset = make_dataset(4, 4, 60, start_opl=start, bin_width_opl=0.05)
     opl = start + (np.arange(60) + 0.5) * 0.05
     dataset = dataset.assign(transient=(("y", "x", "opl", "channel"), target))
-    return labelled(dataset.drop_vars("time").assign_coords(opl=opl))
+    return labeled(dataset.drop_vars("time").assign_coords(opl=opl))
 
 
-def test_own_losses_and_optimisers():
+def test_own_losses_and_optimizers():
     def loss(rendered, target):
         return dr.sum(dr.abs(rendered - target), axis=None)
 
@@ -356,7 +356,7 @@ def test_refused_before_any_render(said):
     assert made.integrator().renders == 0
 
 
-def test_starts_and_optimisers_of_another_kind():
+def test_starts_and_optimizers_of_another_kind():
     with pytest.raises(ValueError, match=r"^params\['x'\] = UInt: must be of floats with deriva"):
         find(params={"x": mi.UInt32(1)}, apply=texture, learning_rate=0.1)
     with pytest.raises(ValueError, match=r"^optimizer = Adam: it has the variables a. Pass"):

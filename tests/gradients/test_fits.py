@@ -118,7 +118,7 @@ PROBLEMS = {
         spp=128,
         of_target=4096,
     ),
-    "patch": Problem(  # Starts ten centimetres off
+    "patch": Problem(  # Starts ten centimeters off
         hidden_patch,
         move_patch,
         {

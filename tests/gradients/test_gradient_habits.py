@@ -291,7 +291,7 @@ def test_a_fit_that_is_refused_leaves_the_scene_as_it_was():
     assert mi.traverse(scene)[ALBEDO][0] == pytest.approx(0.5)
 
 
-def test_an_optimiser_stays_as_it_is():
+def test_an_optimizer_stays_as_it_is():
     scene, target = lit()
     engine = mi.ad.Adam(lr=0.07, beta_1=0.5)
     for _ in range(2):

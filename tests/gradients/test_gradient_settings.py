@@ -118,7 +118,7 @@ def in_a_grid() -> dict:
     return {"type": "scene", "smoke": grid(-6)} | described
 
 
-def grey(value: Any) -> Any:
+def gray(value: Any) -> Any:
     return mi.TensorXf(dr.repeat(value, 8), (2, 2, 2, 1))
 
 
@@ -145,16 +145,16 @@ CASES = {
         lambda σ: LIGHT * math.exp(-σ),
     ),
     "grid before a sky": Case(
-        *(lambda: sky(grid(0)), f"{SIGMA}.data", grey, 0.4), lambda σ: LIGHT * math.exp(-σ)
+        *(lambda: sky(grid(0)), f"{SIGMA}.data", gray, 0.4), lambda σ: LIGHT * math.exp(-σ)
     ),
     "in a grid under a sky": Case(
-        *(in_a_grid, "smoke.sigma_t.data", grey, 0.4), lambda σ: LIGHT * math.exp(-3 * σ)
+        *(in_a_grid, "smoke.sigma_t.data", gray, 0.4), lambda σ: LIGHT * math.exp(-3 * σ)
     ),
 }
 
 
 def light_of(transient: Any) -> float:
-    """All of it, in the mean of colours."""
+    """All of it, in the mean of colors."""
     return float(np.array(transient, dtype=float).mean(axis=3).sum())
 
 
@@ -207,7 +207,7 @@ def test_mixtures_whose_chances_are_not_known(name):
 
 
 AXIS = forms.Bins(2.0, 0.1, 200, 0.1)
-CENTRES = AXIS.centres
+CENTERS = AXIS.centers
 FOG = {"type": "homogeneous", "sigma_t": 0.8, "albedo": 0.7}
 DENSITY = 1.6 * np.random.default_rng(0).random((4, 4, 4, 1))
 SMOKE = grid_of(DENSITY, [-1, -1, 0.2], [2, 2, 1], 0.7)
@@ -250,14 +250,14 @@ class Varied:
         theta = tracked(1.0)
         transient = self.render(theta, spp, seed)
         channels = transient.shape[3]
-        weights = np.repeat(CENTRES, channels) / channels
+        weights = np.repeat(CENTERS, channels) / channels
         dr.backward(dr.sum(transient.array * mi.Float(weights.astype(np.float32))))
         return float(dr.grad(theta)[0])
 
 
 def moment(transient) -> float:
-    """Sum of light times length, a mean over colours."""
-    return float(np.array(transient, dtype=np.float64).mean(axis=(0, 1, 3)) @ CENTRES)
+    """Sum of light times length, a mean over colors."""
+    return float(np.array(transient, dtype=np.float64).mean(axis=(0, 1, 3)) @ CENTERS)
 
 
 MEDIA = pytest.mark.parametrize("medium", [FOG, SMOKE], ids=["fog", "smoke"])
@@ -328,7 +328,7 @@ class Setting:
 
 
 def fours(values: Any) -> np.ndarray:
-    """Every four bins together, all pixels and colours."""
+    """Every four bins together, all pixels and colors."""
     return np.array(values, np.float64).mean(axis=(0, 1, 3)).reshape(-1, 4).sum(axis=1)
 
 

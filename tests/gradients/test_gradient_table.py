@@ -254,12 +254,12 @@ VARIANTS = [
     "llvm_ad_mono_polarized",
     "llvm_ad_spectral_polarized",
 ]
-GREY_ALBEDO = replace(cases.ALBEDO_2, value=lambda albedo: albedo)
-"""In grey variants a reflectance is a single number."""
+GRAY_ALBEDO = replace(cases.ALBEDO_2, value=lambda albedo: albedo)
+"""In gray variants a reflectance is a single number."""
 
 
-def colours(tensor) -> np.ndarray:
-    """Bins of the intensity, a mean over pixels and colours: S0 comes first."""
+def colors(tensor) -> np.ndarray:
+    """Bins of the intensity, a mean over pixels and colors: S0 comes first."""
     values = np.array(tensor, dtype=np.float64).mean(axis=(0, 1))
     count = 1 if mi.is_monochromatic else 3
     return values[..., :count].mean(axis=-1)
@@ -268,14 +268,14 @@ def colours(tensor) -> np.ndarray:
 @pytest.mark.parametrize(
     ("variant", "case"),
     [(variant, cases.PLANE) for variant in VARIANTS]
-    + [(variant, GREY_ALBEDO) for variant in VARIANTS if "mono" in variant],
+    + [(variant, GRAY_ALBEDO) for variant in VARIANTS if "mono" in variant],
 )
 def test_derivative_in_all_variants(variant, case):
     mi.set_variant(variant)
     plain = case is cases.PLANE and not mi.is_spectral
     theta, transient = attached(case, spp=1 << (13 if plain else 16))
     dr.forward(theta)
-    found, expected = colours(dr.grad(transient)), case.expected()[1]
+    found, expected = colors(dr.grad(transient)), case.expected()[1]
     for what, weights in case.weights().items():
         value = float(weights @ expected)
         assert weights @ found == pytest.approx(value, rel=5e-3 if plain else 2e-2), what
@@ -296,7 +296,7 @@ def test_reverse_is_forward_in_all_variants(variant):
         assert dr.grad(theta)[0] == pytest.approx(weights @ gradient, abs=1e-4 * scale), case.name
 
 
-def test_colours_have_their_own_derivatives():
+def test_colors_have_their_own_derivatives():
     red, key = tracked(0.5), "floor.bsdf.reflectance.value"
     _, transient = moved_render(cases.PLANE.load(), key, mi.Color3f(red, 0.5, 0.5), spp=1 << 10)
     dr.forward(red)

@@ -117,7 +117,7 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     **{kind: (set(), more) for kind, more in NONE_GOOD.items()},
     "integer": ({"-1", "0"}, {"2.0": 2.0}),
     "seed": ({"0"}, {"2**32": 1 << 32, "numpy-2.0": np.float64(2)}),
-    "metres": (_NUMBERS, {"numpy-nan": np.float32("nan")}),
+    "meters": (_NUMBERS, {"numpy-nan": np.float32("nan")}),
     "positive": (_NUMBERS - {"-1", "0"}, {"-0.0": -0.0, "numpy-nan": np.float32("nan")}),
     "sides": (_NUMBERS - {"-1", "0"} | {"a list"}, {}),
     "pulse-width": ({"1.5"}, {"-0.0": -0.0, "1e-30": 1e-30}),
@@ -149,13 +149,13 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
     "pixels": ({"list", "array-empty", "dataset"}, {"outside": [(99, 0)], "fraction": [(0.5, 0)]}),
     "offset": ({"2**40", "1e30", "1.5", "list-1", "array-1"}, {"small": 1e-3}),
     "light": (_ARRAYS | {"nan", "inf", "-inf", "list", "list-1"} | _NUMBERS, {}),
-    "colours": ({"list-1", "array-1"}, {}),
+    "colors": ({"list-1", "array-1"}, {}),
     "energies": ({"list-1", "array-1"}, {"negative": [1.0, -1.0], "nan in it": [1.0, np.nan]}),
     "length": (
         _ARRAYS | _NUMBERS | {"nan", "inf", "-inf", "True", "numpy-True", "complex", "dataset"},
         {},
     ),
-    "colour": (
+    "color": (
         {"0", "1.5", "1e30", "2**40", "list-1", "array-1"},
         {"negative": (1, 1, -1), "2 numbers": (1, 2)},
     ),
@@ -176,7 +176,7 @@ KINDS: dict[str, tuple[set[str], dict[str, Any]]] = {
 
 CHECKED = {
     **{"_check_size": "sizes", "_check_window": "window", "_check_length": "positive"},
-    **{"_check_pulse_width": "pulse-width", "width": "pulse-width", "metres": "metres"},
+    **{"_check_pulse_width": "pulse-width", "width": "pulse-width", "meters": "meters"},
     **{"mapping": "mapping", "boolean": "boolean", "address": "address", "depth": "depth"},
     "unchecked": "source",
 }

@@ -94,8 +94,8 @@ def page(*, dark: bool = False, offline: bool = False, **options: Any) -> Iterat
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
-        colours = "dark" if dark else "light"
-        context = browser.new_context(color_scheme=colours, offline=offline, **options)
+        colors = "dark" if dark else "light"
+        context = browser.new_context(color_scheme=colors, offline=offline, **options)
         context.set_default_timeout(1000 * GUARD_S)
         page = context.new_page()
         page.errors, page.asked = [], []

@@ -52,7 +52,7 @@ def found(description: dict, spp: int = 512, seeds=SEEDS) -> np.ndarray:
 
 def facing(patch: nlos.Rectangle) -> nlos.Rectangle:
     """The side towards which the middle of the wall is."""
-    return patch if np.dot(patch.normal, patch.centre) < 0 else patch.flipped()
+    return patch if np.dot(patch.normal, patch.center) < 0 else patch.flipped()
 
 
 def groove_shapes(groove: nlos.Groove) -> dict:

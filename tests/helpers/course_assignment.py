@@ -80,7 +80,7 @@ FILES = {
 
         [[contract]]
         problem = "a0.range"
-        says = "In metres."
+        says = "In meters."
         tests = ["test_range.py::test_range"]
         mutants = ["quarter"]
 
@@ -124,7 +124,7 @@ FILES = {
 
 
         def unambiguous_range(frequency_hz):
-            """In metres."""
+            """In meters."""
             raise NotImplementedError("a0.range: write unambiguous_range")
         ''',
     "solutions/wrapping.py": '''
@@ -134,7 +134,7 @@ FILES = {
 
 
         def unambiguous_range(frequency_hz):
-            """In metres."""
+            """In meters."""
             one = GaussianPulse(width_opl=1.0).eval(0.0) * 2.50662827
             return 0.5 * 299792458.0 / frequency_hz * one
         ''',

@@ -5,9 +5,9 @@ import base64
 import numpy as np
 
 
-def linear(colours):
-    colours = np.asarray(colours, float)
-    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+def linear(colors):
+    colors = np.asarray(colors, float)
+    return np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
 
 
 def drawn(figure):

@@ -78,7 +78,7 @@ def values_of(contents, name="light"):
     return contents.layer(contents.header[name])[0].transpose(2, 3, 0, 1)
 
 
-def polarised() -> xr.Dataset:
+def polarized() -> xr.Dataset:
     """Light whose angle grows to the right and whose degree grows downwards."""
     data = moving()
     light = data["transient"].values.mean(axis=3)

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from helpers.light_paths import spot
-from helpers.parts import area_light, diffuse, grey, plane, point_light, rotate, translate
+from helpers.parts import area_light, diffuse, gray, plane, point_light, rotate, translate
 from helpers.support import camera, film, scene
 
 DEPTH = 8
@@ -68,7 +68,7 @@ LAMP = plane(
 )
 LIT = {"floor": FLOOR, "lamp": LAMP}
 THIN = fog(0.3, 0.9, 0.5)
-COLOURED = fog(red(0.1, 0.3, 0.8), red(0.9, 0.7, 0.95), 0.3)
+COLORED = fog(red(0.1, 0.3, 0.8), red(0.9, 0.7, 0.95), 0.3)
 BALL = {"ball": filled(sphere(0.8), fog(2.0, 0.9, 0.6))}
 GLASS = {"type": "dielectric", "int_ior": 1.4, "ext_ior": 1.0}
 ROUGH = {"type": "roughdielectric", "int_ior": 1.3, "ext_ior": 1.0, "alpha": 0.3}
@@ -77,13 +77,13 @@ TWO_LOBES = {"type": "blendphase", "weight": 0.3, **LOBES}
 S = np.tile([0.3, 0.5, 0.9, 0.05, 0.1, 0.02], (2, 2, 2, 1))
 FLAKES = {"type": "sggx", "S": volume(S, (-40, -40, -40), 80)}
 SPOT = spot((0.5, 0.2, 2.5), (0, 0, 0), beam=18.75, cutoff=25.0, intensity=8.0)
-SUN = {"type": "directional", "direction": [0.3, 0.1, -1], "irradiance": grey(2.0)}
-SKY = {"type": "constant", "radiance": grey(0.7)}
+SUN = {"type": "directional", "direction": [0.3, 0.1, -1], "irradiance": gray(2.0)}
+SKY = {"type": "constant", "radiance": gray(0.7)}
 HUGE = {"room": filled(cube(12.0), fog(0.1, 0.8)), "around": fog(0.1, 0.8)}
 
 SCENES: dict[str, dict[str, Any]] = {
     "fog everywhere": LIT | {"around": THIN},
-    "coloured fog": LIT | {"around": COLOURED},
+    "colored fog": LIT | {"around": COLORED},
     "absorbing": LIT | {"around": fog(0.3, 0.0)},
     "forwards": LIT | {"around": fog(0.5, 1.0, 0.9)},
     "backwards": LIT | {"around": fog(0.5, 1.0, -0.7)},
@@ -94,10 +94,10 @@ SCENES: dict[str, dict[str, Any]] = {
     "rayleigh": LIT | {"ball": filled(sphere(0.8), fog(2.0, 0.9, phase={"type": "rayleigh"}))},
     "two lobes": LIT | {"ball": filled(sphere(0.8), fog(2.0, 0.9, phase=TWO_LOBES))},
     "cloud": LIT | {"cloud": filled(cube(0.8), cloud(0.8))},
-    "coloured cloud": LIT | {"cloud": filled(cube(0.8), cloud(0.8, albedo=red(0.9, 0.5, 0.2)))},
+    "colored cloud": LIT | {"cloud": filled(cube(0.8), cloud(0.8, albedo=red(0.9, 0.5, 0.2)))},
     "ball in the sun": {"floor": FLOOR, "sun": SUN} | BALL,
     "cloud under a sky": {"floor": FLOOR, "sky": SKY, "cloud": filled(cube(0.8), cloud(0.8))},
-    "two balls": LIT | BALL | {"other": filled(sphere(0.4, (1.6, 0, 0)), COLOURED)},
+    "two balls": LIT | BALL | {"other": filled(sphere(0.4, (1.6, 0, 0)), COLORED)},
     "milk in glass": LIT | {"ball": sphere(0.8, bsdf=GLASS, interior=fog(3.0, 0.98, 0.5))},
     "rough milk": LIT | {"ball": sphere(0.8, bsdf=ROUGH, interior=fog(3.0, red(0.9, 0.95, 0.6)))},
     "cloud in glass": LIT | {"ball": sphere(0.8, bsdf=GLASS, interior=cloud(0.8))},

@@ -6,7 +6,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from helpers.parts import area_light, diffuse, grey, plane, point_light
+from helpers.parts import area_light, diffuse, gray, plane, point_light
 from helpers.support import camera, film, scene, with_sampler
 from tofrender.scenes import cornell_box, cornell_box_flash, cornell_box_glass, cornell_box_mirror
 
@@ -41,7 +41,7 @@ def _ball_in_ball() -> dict:
 def _lamps() -> dict:
     """Several lights of different kinds at once."""
     at = mi.ScalarTransform4f().look_at([0, 0.5, 2], [0, -1, 0], [0, 1, 0])
-    spot = {"type": "spot", "intensity": grey(20.0), "cutoff_angle": 30.0, "to_world": at}
+    spot = {"type": "spot", "intensity": gray(20.0), "cutoff_angle": 30.0, "to_world": at}
     ball = {"type": "sphere", "center": [-0.5, 0.3, 0.6], "radius": 0.15}
     ball["emitter"] = area_light(6.0)
     return _cornell(cornell_box, spot=spot, ball=ball, lamp=point_light((0.4, 0.2, 0.7), 0.5))
@@ -50,12 +50,12 @@ def _lamps() -> dict:
 PICTURE = np.linspace(0.1, 2.0, 8 * 16 * 3).reshape(8, 16, 3).astype(np.float32)
 SUN = {"type": "directional", "direction": [0.2, -0.9, -0.3]}
 LIGHTS = {
-    "constant environment": {"type": "constant", "radiance": grey(1.0)},
+    "constant environment": {"type": "constant", "radiance": gray(1.0)},
     "environment map": {"type": "envmap", "bitmap": mi.Bitmap(PICTURE)},
-    "directional": SUN | {"irradiance": grey(3.0)},
+    "directional": SUN | {"irradiance": gray(3.0)},
 }
 SIX = mi.ScalarTransform4f().scale([6, 6, 1])
-CHECKERS = {"type": "checkerboard", "color0": grey(0.1), "color1": grey(0.9), "to_uv": SIX}
+CHECKERS = {"type": "checkerboard", "color0": gray(0.1), "color1": gray(0.9), "to_uv": SIX}
 MATERIALS = {
     "texture": {"type": "diffuse", "reflectance": CHECKERS},
     "rough conductor": {"type": "roughconductor", "material": "Au", "alpha": 0.1},

@@ -82,12 +82,12 @@ def floor_form(z, view: forms.View = ABOVE, lamp: Any = LAMP) -> tuple[Any, Any]
 
 
 PLANE = Case("plane", "a floor, moved up", floor_scene, *UP, floor_form, BINS)
-CENTRE = forms.View((0, 0, 2), (0, 0, 0), 0.001)
-PLANE_CENTRE = replace(
+CENTER = forms.View((0, 0, 2), (0, 0, 0), 0.001)
+PLANE_CENTER = replace(
     PLANE,
     scene="a floor, moved up, one ray",
-    describe=partial(floor_scene, view=CENTRE),
-    form=partial(floor_form, view=CENTRE),
+    describe=partial(floor_scene, view=CENTER),
+    form=partial(floor_form, view=CENTER),
     spp=1 << 8,
 )
 
@@ -370,7 +370,7 @@ def hidden_scene() -> dict:
 def hidden_form(setup: Setup, patch: Rectangle, lit, z) -> tuple[Any, Any]:
     scale = setup.power * setup.albedo**2 * patch.albedo / math.pi**3
     legs = setup.length(lit, SEEN)
-    return forms.hidden_patch(z * Z, patch.centre, patch.u, patch.v, lit, SEEN, legs, scale)
+    return forms.hidden_patch(z * Z, patch.center, patch.u, patch.v, lit, SEEN, legs, scale)
 
 
 DEPTH = Case(
@@ -443,5 +443,5 @@ TABLE = (
 )
 """Ten parameters, two scenes of each."""
 
-MORE = (PLANE_CENTRE, GATED_PLANE)
+MORE = (PLANE_CENTER, GATED_PLANE)
 CASES = {case.name: case for case in (*TABLE, *MORE)}

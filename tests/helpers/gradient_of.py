@@ -66,9 +66,9 @@ class Case:
             if self.of_pulse:
                 light = self.arrived()
                 mean = (light.light @ light.opl) / light.light.sum()
-                return {"square": (self.seen.centres - mean) ** 2}
-            counted = np.where(self.seen.centres < self.until, 1.0, 0.0)
-            return {"sum": counted, "moment": counted * self.seen.centres}
+                return {"square": (self.seen.centers - mean) ** 2}
+            counted = np.where(self.seen.centers < self.until, 1.0, 0.0)
+            return {"sum": counted, "moment": counted * self.seen.centers}
         if isinstance(self.seen, Phasor):
             re, im = self.expected()[0]
             return {"phase": np.array([-im, re]) / (re * re + im * im)}
@@ -92,7 +92,7 @@ class Case:
         return rendered[-1] if isinstance(rendered, tuple) else rendered
 
     def tensor_weights(self, weights: np.ndarray, shape: tuple[int, ...]) -> mi.Float:
-        """Weights of what is seen for each entry of the tensor: a mean over pixels and colours.
+        """Weights of what is seen for each entry of the tensor: a mean over pixels and colors.
 
         Shapes are (y, x, bins, channels), (y, x, frequencies, 2[, channels]) and (y, x, channels).
         """
@@ -108,7 +108,7 @@ class Case:
         return mi.Float((spread / count).ravel().astype(np.float32))
 
     def mean(self, tensor: Any) -> np.ndarray:
-        """What is seen, a mean over pixels and colours, of a tensor."""
+        """What is seen, a mean over pixels and colors, of a tensor."""
         values = np.array(tensor, dtype=np.float64)
         if isinstance(self.seen, Bins):
             return values.mean(axis=(0, 1, 3))

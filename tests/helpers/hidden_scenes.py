@@ -35,7 +35,7 @@ def letter_f(z: float = 1.0, step: float = 0.04) -> Nodes:
     return stem + arms
 
 
-def sphere(centre: tuple, radius: float, count: int = 2000) -> Nodes:
+def sphere(center: tuple, radius: float, count: int = 2000) -> Nodes:
     """The front of a sphere, by a Fibonacci lattice."""
     index = np.arange(count) + 0.5
     cos = 1 - 2 * index / count
@@ -44,11 +44,11 @@ def sphere(centre: tuple, radius: float, count: int = 2000) -> Nodes:
     normals = np.stack([sin * np.cos(phi), sin * np.sin(phi), cos], axis=-1)
     normals = normals[normals[:, 2] < 0]
     areas = np.full(len(normals), 4 * np.pi * radius**2 / count)
-    return Nodes(np.asarray(centre) + radius * normals, normals, areas)
+    return Nodes(np.asarray(center) + radius * normals, normals, areas)
 
 
 def two_spheres() -> Nodes:
-    """Of different size and distance, on one side of the wall's centre."""
+    """Of different size and distance, on one side of the wall's center."""
     return sphere((-0.35, 0.3, 1.1), 0.25) + sphere((0.45, -0.1, 0.9), 0.2)
 
 
@@ -62,7 +62,7 @@ class Wall:
     side: float = 2.0
 
     def grid(self, size: int | None = None, side: float | None = None) -> np.ndarray:
-        """Pixel centres in the wall's frame, (rows, columns, 3)."""
+        """Pixel centers in the wall's frame, (rows, columns, 3)."""
         size, side = size or self.size, side or self.side
         at = ((np.arange(size) + 0.5) / size - 0.5) * side
         x, y = np.meshgrid(at, at)
@@ -104,7 +104,7 @@ def capture_of(
 
     Args:
         start: Path from wall to wall where the window starts; with `legs`, those of the wall's
-            centre are added.
+            center are added.
         delay: An error in all path lengths [m], planted.
         noise: Standard deviation of noise over the largest value.
     """
@@ -159,7 +159,7 @@ def _light(patches, lit, seen, offset, width, bins) -> np.ndarray:
 def true_depth(patches: Nodes, volume) -> np.ndarray:
     """Distance from the wall of the nearest patch, each a square, NaN where there is none.
 
-    A column of voxels is as deep as what it meets anywhere, not only at its centre: the mean over
+    A column of voxels is as deep as what it meets anywhere, not only at its center: the mean over
     nine rays.
     """
     side = np.sqrt(patches.areas)[:, None] / 2
@@ -178,9 +178,9 @@ def true_depth(patches: Nodes, volume) -> np.ndarray:
     parameters.update()
     fine = {}
     for axis in ("y", "x"):
-        centres = volume[axis].values
-        thirds = (centres[1] - centres[0]) / 3 * np.array([-1, 0, 1])
-        fine[axis] = (centres[:, None] + thirds).ravel()
+        centers = volume[axis].values
+        thirds = (centers[1] - centers[0]) / 3 * np.array([-1, 0, 1])
+        fine[axis] = (centers[:, None] + thirds).ravel()
     rays = volume[["frame_axes", "frame_origin"]].drop_vars(["y", "x"], errors="ignore")
     depth = hidden_depth(
         mi.load_dict({"type": "scene", "hidden": squares}), rays.assign_coords(fine)

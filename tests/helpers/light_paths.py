@@ -8,7 +8,7 @@ import numpy as np
 from oracles.films import disk_light_masses, rectangle_light_masses
 from oracles.light_paths import View
 
-from helpers.parts import area_light, diffuse, grey, plane, point_light, rotate, translate
+from helpers.parts import area_light, diffuse, gray, plane, point_light, rotate, translate
 from helpers.support import agree, beam, camera, film, follow, load, over_seeds, rendered, scene
 from tofrender.scenes import cornell_box
 
@@ -55,8 +55,8 @@ def facing_down(kind: str, height: float, half: float, radiance: float) -> dict:
     return {"lamp": {"type": kind, "to_world": to_world, "emitter": area_light(radiance)}}
 
 
-def ball(centre, radius: float, **more: Any) -> dict:
-    return {"type": "sphere", "center": list(centre), "radius": radius, **more}
+def ball(center, radius: float, **more: Any) -> dict:
+    return {"type": "sphere", "center": list(center), "radius": radius, **more}
 
 
 def spot(origin, target, beam: float, cutoff: float, intensity: float = 1.0) -> dict:
@@ -64,7 +64,7 @@ def spot(origin, target, beam: float, cutoff: float, intensity: float = 1.0) -> 
     up = [0, 1, 0] if origin[0] == target[0] else [0, 0, 1]
     to_world = mi.ScalarTransform4f().look_at(list(origin), list(target), up)
     angles = {"beam_width": beam, "cutoff_angle": cutoff}
-    return {"type": "spot", "intensity": grey(intensity), "to_world": to_world} | angles
+    return {"type": "spot", "intensity": gray(intensity), "to_world": to_world} | angles
 
 
 def lamp(position, intensity: float = 1.0) -> dict:
@@ -127,13 +127,13 @@ def blocks(image: np.ndarray, n: int) -> np.ndarray:
 def summary(exact: np.ndarray, edges: np.ndarray, parts: int = 8) -> np.ndarray:
     """What to compare of bins, as a matrix (bins, 2 + parts) for those that hold `exact`.
 
-    Total, first moment about the exact mean length, and groups of neighbouring bins that each have
+    Total, first moment about the exact mean length, and groups of neighboring bins that each have
     about the same part of the light.
     """
-    centres = 0.5 * (edges[1:] + edges[:-1])
+    centers = 0.5 * (edges[1:] + edges[:-1])
     before = np.cumsum(exact) - 0.5 * exact
     group = np.minimum(parts * before / exact.sum(), parts - 1).astype(int)
-    rows = [np.ones(exact.size), centres - exact @ centres / exact.sum()]
+    rows = [np.ones(exact.size), centers - exact @ centers / exact.sum()]
     rows += [(group == k) * 1.0 for k in np.unique(group)]
     return np.stack(rows, axis=-1)
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import xarray as xr
 
-from tofrender.rendering.labels import labelled
+from tofrender.rendering.labels import labeled
 
 START, WIDTH = 3.5, 0.02
 
@@ -30,7 +30,7 @@ def make_dataset(height=6, width=10, bins=5, channels="RGB", x0=0, y0=0, **attrs
     }
     opl = ("opl", START + (np.arange(bins) + 0.5) * WIDTH, {"units": "m"})
     axes = {"y": y0 + np.arange(height), "x": x0 + np.arange(width), "opl": opl}
-    return labelled(xr.Dataset(arrays, axes | {"channel": list(channels)}, standard | attrs))
+    return labeled(xr.Dataset(arrays, axes | {"channel": list(channels)}, standard | attrs))
 
 
 def assert_same(a: xr.Dataset, b: xr.Dataset) -> None:

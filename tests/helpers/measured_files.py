@@ -120,7 +120,7 @@ SCANS = {
 
 
 def znlos(path: Path, mode: str, reverse: bool = False, **changes: Any) -> np.ndarray:
-    """A file of Z-NLOS; returns `data` summed over bounces from the third on, and colours."""
+    """A file of Z-NLOS; returns `data` summed over bounces from the third on, and colors."""
     shapes = {"laser": {"confocal": (4, 3), "single": (1, 1), "exhaustive": (2, 5)}[mode]}
     shapes["camera"] = (4, 3)
     points = shapes["camera"] if mode == "confocal" else shapes["laser"] + shapes["camera"]

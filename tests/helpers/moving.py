@@ -13,7 +13,7 @@ REST = (0.0, 0.0, 0.0)
 
 
 def pinhole(origin, target, **more: Any) -> dict:
-    """A camera of one pixel that sees a spot of a tenth of a millimetre from a metre away."""
+    """A camera of one pixel that sees a spot of a tenth of a millimeter from a meter away."""
     more = {"fov": 0.006, "near_clip": 1e-3} | more
     return camera(origin, target, film(bins=1, start=0.0, bin_width=1e3), **more)
 

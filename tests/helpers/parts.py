@@ -6,13 +6,13 @@ import mitsuba as mi
 import numpy as np
 
 
-def grey(value: float) -> dict:
+def gray(value: float) -> dict:
     """The same in red, green and blue. (A flat spectrum of an emitter would look pink.)"""
     return {"type": "rgb", "value": [value] * 3}
 
 
 def diffuse(albedo: float) -> dict:
-    return {"type": "diffuse", "reflectance": grey(albedo)}
+    return {"type": "diffuse", "reflectance": gray(albedo)}
 
 
 def plane(to_world=None, size: float = 10.0, **more: Any) -> dict:
@@ -30,11 +30,11 @@ def rotate(axis, angle: float):
 
 
 def point_light(position, intensity: float) -> dict:
-    return {"type": "point", "position": list(position), "intensity": grey(intensity)}
+    return {"type": "point", "position": list(position), "intensity": gray(intensity)}
 
 
 def area_light(radiance: float) -> dict:
-    return {"type": "area", "radiance": grey(radiance)}
+    return {"type": "area", "radiance": gray(radiance)}
 
 
 def unit(vector) -> np.ndarray:

@@ -147,7 +147,7 @@ def z_simple(
     return written(folder / "nlos-z-simple.xml", "2.1.0", parts)
 
 
-# Centre, and the axes along a plane's own x and y (half of its sides), of the room's six planes
+# Center, and the axes along a plane's own x and y (half of its sides), of the room's six planes
 ROOM = {
     "Plane_001.ply": ((0, 0, 0), (3, 0, 0), (0, 2, 0)),  # the relay wall
     "Plane_002.ply": ((0, -2, 2), (3, 0, 0), (0, 0, -2)),
@@ -163,15 +163,15 @@ def z_room(folder: Path, *, spp: int = 250000, size: int = 32, **options) -> Pat
     vertices, faces = letter_z()
     mesh(folder / "meshes/hidden_geometry_Z.ply", vertices + np.array([0, 0, 2.6]), faces)
     shapes = plate("elm__3", "hidden_geometry_Z.ply", False, False)
-    for number, (file, (centre, u, v)) in enumerate(ROOM.items(), start=4):
-        corners = np.asarray(centre) + SQUARE[:, :1] * np.asarray(u) + SQUARE[:, 1:2] * np.array(v)
+    for number, (file, (center, u, v)) in enumerate(ROOM.items(), start=4):
+        corners = np.asarray(center) + SQUARE[:, :1] * np.asarray(u) + SQUARE[:, 1:2] * np.array(v)
         mesh(folder / "meshes" / file, corners)
         shapes += plate(f"elm__{number}", file, False)
     parts = camera(spp, size) + integrator(**options) + PROJECTOR + shapes
     return written(folder / "nlos-z-room.xml", "2.1.0", parts)
 
 
-CORNELL = {  # Corners of each rectangle, as in the box that is 5.6 m wide, in decimetres
+CORNELL = {  # Corners of each rectangle, as in the box that is 5.6 m wide, in decimeters
     "floor": [(0, 0, 0), (0, 0, 56), (56, 0, 56), (56, 0, 0)],
     "ceiling": [(0, 55, 0), (56, 55, 0), (56, 55, 56), (0, 55, 56)],
     "back": [(0, 0, 56), (0, 55, 56), (56, 55, 56), (56, 0, 56)],
@@ -185,7 +185,7 @@ SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 CUBE_FACES = np.array([face for a, b, c, d in SIDES for face in ((a, b, c), (a, c, d))])
 
 
-def colour(value: str) -> str:
+def color(value: str) -> str:
     return f'<bsdf type="diffuse"><rgb name="reflectance" value="{value}"/></bsdf>'
 
 
@@ -198,11 +198,11 @@ def cornell(folder: Path, kind: str = "diffuse") -> Path:
     """
     for name, corners in CORNELL.items():
         mesh(folder / f"meshes/cbox_{name}.obj", 10.0 * np.array(corners))
-    for name, (centre, half) in BOXES.items():
-        corners = 10.0 * (np.array(centre) + CUBE * [8, half, 8])
+    for name, (center, half) in BOXES.items():
+        corners = 10.0 * (np.array(center) + CUBE * [8, half, 8])
         mesh(folder / f"meshes/cbox_{name}.obj", corners, CUBE_FACES)
     bsdfs = dict.fromkeys(("floor", "ceiling", "back"), '<ref id="white"/>')
-    bsdfs |= {"greenwall": colour("0.1, 0.4, 0.1"), "redwall": colour("0.6, 0.04, 0.04")}
+    bsdfs |= {"greenwall": color("0.1, 0.4, 0.1"), "redwall": color("0.6, 0.04, 0.04")}
     bsdfs |= dict.fromkeys(BOXES, '<ref id="gray"/>')
     more = tags("float", gaussian_stddev=2.0)
     if kind == "mirror":
@@ -258,7 +258,7 @@ def placed(z: float) -> str:
     turns = "".join(f'<rotate {axis}="1" angle="0.0"/>' for axis in "xyz")
     return f"""<transform name="to_world">
       <scale x="1" y="1" z="1"/>{turns}<translate x="0.0" y="0.0" z="{z}"/></transform>
-      {colour("1.0, 1.0, 1.0")}"""
+      {color("1.0, 1.0, 1.0")}"""
 
 
 def nlos_z(

@@ -86,7 +86,7 @@ ALBEDO, GLOW = 0.6, 2.0
 
 
 def furnace(tracer: str, bounces: int, the_film: dict | None = None, **parameters) -> dict:
-    """Inside of a sphere of radius 1 that glows and reflects, seen from its centre.
+    """Inside of a sphere of radius 1 that glows and reflects, seen from its center.
 
     Every surface point sees the radiance L of the whole sphere: L = Le + rho L, or in steps
     L_n = Le + rho L_(n-1). As cos / pi is the density of both ways to sample, no path has noise,

@@ -364,7 +364,7 @@ def frame(**changes: Any) -> Callable[[Path], Any]:
     return lambda stack: write_frame(stack, **changes)
 
 
-GREY = np.ones((2, 3), np.float32)
+GRAY = np.ones((2, 3), np.float32)
 STACKS: dict[str, Callable[[Path], Any]] = {
     "no steady": lambda s: (s / "steady.exr").unlink(),
     "a frame less": lambda s: (s / "frame_0001.exr").unlink(),
@@ -375,8 +375,8 @@ STACKS: dict[str, Callable[[Path], Any]] = {
     "a frame that is a folder": lambda s: become_folder(s / "frame_0002.exr"),
     "a frame of another size": frame(pixels=np.ones((5, 5, 3), np.float32)),
     "a frame of another channel": frame(channel="Z"),
-    "a grey frame": frame(channel="Y", pixels=GREY),
-    "a frame with more channels": frame(more={"Z": GREY}),
+    "a gray frame": frame(channel="Y", pixels=GRAY),
+    "a frame with more channels": frame(more={"Z": GRAY}),
     "no bin_index": frame(leave_out="bin_index"),
     **{f"bin_index {value}": frame(bin_index=value) for value in ("2", 3, -1)},
     "no opl_center": frame(leave_out="opl_center"),

@@ -158,7 +158,7 @@ KINDS = {
     "lanes": "m n p sample v",
     "mapping": "attrs define parameters settings",
     "mapping but dict-1": "bounds expected_moments",
-    "metres": "energy_weight opl phase_offset start_opl start_s target_time tilt time_s",
+    "meters": "energy_weight opl phase_offset start_opl start_s target_time tilt time_s",
     "object": "bsdf cases client detector emitter figure jitter params record relay_wall_shapes "
     "response shapes si verdict",
     "panel": "B0 B180 B270 B90 I Q amplitude amplitudes depth phase true_depth",
@@ -182,7 +182,7 @@ KINDS = {
     "shapes": "hidden_shapes relay_wall wall",
     "sizes": "grid macro_pixel size",
     "stops": "most_stops shadows stops_per_row",
-    "turn": "angle polariser",
+    "turn": "angle polarizer",
 }
 """The kind of each parameter, see `bad_inputs.KINDS`; others are of the kind that has their name.
 
@@ -190,7 +190,7 @@ None is good where it is the default.
 """
 
 PARAMETERS = {name: kind for kind, names in KINDS.items() for name in names.split()} | {
-    **{"max_bounces": "bounces", "percentile": "cent", "emission": "colour", "dpi": "dots"},
+    **{"max_bounces": "bounces", "percentile": "cent", "emission": "color", "dpi": "dots"},
     **{"film_config": "config", "cos_theta_max": "cosine", "max_depth": "depth", "fps": "rate"},
     **{"sigma_t": "extinction", "time_ns": "length", "light_samples": "light-samples"},
     **{"on_wall": "mask", "transform": "matrix", "alpha": "roughness", "contrast": "share"},
@@ -203,7 +203,7 @@ PARAMETERS = {name: kind for kind, names in KINDS.items() for name in names.spli
     **{"phases": "panel but array-nan", "points": "picture but array-nan"},
     **{"transient_data": "cube but dataset without pixels"},
     **{"needed_bytes": "seed but 2**40, 2**32", "swing": "from 0 but 1e30, 2**40"},
-    **dict.fromkeys(("speed", "angular_speed"), "metres but 1e30, 2**40"),
+    **dict.fromkeys(("speed", "angular_speed"), "meters but 1e30, 2**40"),
 }
 
 
@@ -238,7 +238,7 @@ def rows(*names: str, **kinds: str) -> list[Row]:
     return [Row(name, kinds=kinds) for name in names]
 
 
-FAR = "metres but 1e30, 2**40"
+FAR = "meters but 1e30, 2**40"
 WAVE = {"frequency_hz": "positive"}
 CASE = {"sample": "function", "expected_moments": "mapping? but dict-1"}
 RENDERED = {"spp": "count?", "seed": "seed", "integrator": "choice?", "sensor": "sensor"}
@@ -264,7 +264,7 @@ OF_BINS = (
     *("vis.Transient.of", "analysis.transient_to_phasor"),
 )
 OTHER_BOXES = [f"scenes.cornell_box_{kind}" for kind in ("flash", "glass", "mirror")]
-AXIS = {"start_opl": "metres", "bin_width_opl": "positive"}
+AXIS = {"start_opl": "meters", "bin_width_opl": "positive"}
 GAUSS = tofrender.sensors.Response(1e-9)
 HISTOGRAM = {"counts": np.ones((1, 1, 200)), "response": GAUSS, "bin_width_opl": 0.1}
 COUNTED = {"bin_width_opl": "positive", "response": "object", "counts": "amounts"}
@@ -325,7 +325,7 @@ TABLE = [
     alone("fit", {"frequency_hz": "frequencies"}, **LAMP, loss="phasor", frequency_hz=5e7),
     *rows("l2_loss", **dict.fromkeys(("rendered", "target"), "cube but flat, 5-axes")),
     row("denoise", dataset=halved),
-    row("denoising.denoise_film", dict.fromkeys(HALVES, "object") | {"colours": "seed"}, **HALVES),
+    row("denoising.denoise_film", dict.fromkeys(HALVES, "object") | {"colors": "seed"}, **HALVES),
     row("load_scene", {n: f"{kind_of_setting(s)}?" for n, s in SCENE_SETTINGS.items()}),
     # ----------------------------------------------------------------------------------- files
     *rows("io.save_exr_stack", "io.save_png_frames", "io.save_exr_layers", **PATH),
@@ -343,7 +343,7 @@ TABLE = [
     *rows("vis.pyramid_figure", opl="opl?"),
     *rows("vis.auto_exposure", values="light"),
     row("vis.tonemap", {"values": "light"}, values=PIXELS),
-    row("vis.luminance", {"values": "colours"}, values=PICTURE),
+    row("vis.luminance", {"values": "colors"}, values=PICTURE),
     *rows("vis.Transient", quantity="label"),
     *(row(name, AXIS, start_opl=1.0, bin_width_opl=0.1) for name in OF_BINS),
     # -------------------------------------------------------------------------------- analysis
@@ -430,8 +430,8 @@ TABLE = [
     # ---------------------------------------------------------------------------------- scenes
     *rows(*(f"scenes.{name}" for name in IN_BINS), **BINNED),
     *rows("scenes.small_box", "scenes.veach", **SIZE, max_bounces="bounces", integrator="choice"),
-    *rows("scenes.cornell_box", start_opl="metres? but 1e30, 2**40"),
-    *rows(*OTHER_BOXES, temporal_bins="count", start_opl="metres?"),
+    *rows("scenes.cornell_box", start_opl="meters? but 1e30, 2**40"),
+    *rows(*OTHER_BOXES, temporal_bins="count", start_opl="meters?"),
     *rows("scenes.nlos_behind_fog", "scenes.nlos_bunny", "scenes.nlos_z", **SIZE),
     *rows("scenes.nlos_patch", side="positive"),
     *rows(*(f"scenes.{name}" for name in PEERS), width="count"),

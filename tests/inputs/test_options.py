@@ -48,7 +48,7 @@ KINDS = {
         "positive": "--bandwidth --bin-width-s --chirp --frame-time --freq --megabytes --memory "
         "--photons --pose-time --rate --wavelength",
     },
-    **{"metres": "--start-s", "sides": "--wall-size"},
+    **{"meters": "--start-s", "sides": "--wall-size"},
     **{
         "alpha": "--alpha",
         "dots": "--dpi",

@@ -241,7 +241,7 @@ XML: dict[str, bytes] = {
     "a transform of nothing": changed('origin="0,0,4"', 'origin="0,0,0"'),
     "a lookat of two": changed('origin="0,0,4"', 'origin="0,0"'),
     **{f"moved by {text}": changed(FLOOR, moved(text)) for text in TRANSFORMS},
-    **{f"a colour of {text}": added(ball(LAMP.format(text))) for text in ("red", "-1")},
+    **{f"a color of {text}": added(ball(LAMP.format(text))) for text in ("red", "-1")},
 }
 
 

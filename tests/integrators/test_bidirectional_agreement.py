@@ -30,7 +30,7 @@ from helpers.light_paths import (
     summary,
     through,
 )
-from helpers.parts import area_light, diffuse, grey, plane, rotate, translate
+from helpers.parts import area_light, diffuse, gray, plane, rotate, translate
 from helpers.support import agree, camera, film, load, rendered, scene, with_film, with_integrator
 
 import tofrender
@@ -214,7 +214,7 @@ def never_chosen() -> dict:
     """A lamp in view and a sky that connections never choose, and a point light that they do."""
     lit = facing_down("rectangle", 1.2, 0.6, 4.0)["lamp"]
     lit["emitter"] |= {"sampling_weight": 0.0}
-    sky = {"type": "constant", "radiance": grey(0.5), "sampling_weight": 0.0}
+    sky = {"type": "constant", "radiance": gray(0.5), "sampling_weight": 0.0}
     return desk({"lit": lit, "sky": sky} | lamp((0.6, -0.4, 1.0), 2.0))
 
 
@@ -290,7 +290,7 @@ def test_mistakes_are_found(name):
 
 
 def corner(max_depth: int = 3, the_film: dict | None = None, **more: Any) -> dict:
-    """Two coloured walls on a floor under a lamp, with nothing alike left and right."""
+    """Two colored walls on a floor under a lamp, with nothing alike left and right."""
     red = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.8, 0.3, 0.2]}}
     yellow = {"type": "area", "radiance": {"type": "rgb", "value": [6.0, 8.0, 4.0]}}
     walls = {

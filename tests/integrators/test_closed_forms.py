@@ -4,7 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.light_paths import MIRROR
-from helpers.parts import area_light, diffuse, grey, plane, point_light, rotate, translate, unit
+from helpers.parts import area_light, diffuse, gray, plane, point_light, rotate, translate, unit
 from helpers.support import agree, beam, camera, film, follow, load, over_seeds, rendered, scene
 from oracles import films as oracles
 
@@ -41,7 +41,7 @@ def test_point_light_in_the_film():
     steady, transient = rendered(floor_and_lamp())
     bins = transient[0, 0, :, 0]
     assert np.flatnonzero(bins).tolist() == [int(opl * 2**6)]
-    assert bins.sum() == pytest.approx(expected, rel=1e-5)  # the pixel sees 26 micrometres
+    assert bins.sum() == pytest.approx(expected, rel=1e-5)  # the pixel sees 26 micrometers
     assert steady[0, 0] == pytest.approx([expected] * 3, rel=1e-5)
 
 
@@ -162,14 +162,14 @@ def test_mirror():
 def test_environment_in_view():
     """A ray that leaves the scene runs on to the touching plane; none has a negative length."""
     eye = (0.5, 0.2, 3.0)
-    sky = {"type": "constant", "radiance": grey(2.0)}
+    sky = {"type": "constant", "radiance": gray(2.0)}
     loaded = load(scene({"floor": plane(size=1.0), "sky": sky}, camera(eye, (0, 0, 0), film())))
     sensor = loaded.sensors()[0]
-    centre, radius = oracles.enclosing_sphere((-1, -1, 0), (1, 1, 3))
+    center, radius = oracles.enclosing_sphere((-1, -1, 0), (1, 1, 3))
     for d in [(0, 0, 1), (1, 2, 0.1), (-3, 1, 0)]:
         ray = beam(eye, np.add(eye, d))
         found = follow(loaded, ray, lights=lambda s: SceneLights(s, sensor))
-        expected = oracles.distant_length(eye, unit(d), centre, radius)
+        expected = oracles.distant_length(eye, unit(d), center, radius)
         assert expected >= 0
         assert found.all()[0] == pytest.approx([expected], abs=2e-6)
         assert found.all()[1] == pytest.approx([2.0])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.gallery import SCENES, emitter_grid
 from helpers.light_paths import OTHER_SEEDS, SEEDS, blocks
-from helpers.parts import grey, plane, rotate, translate
+from helpers.parts import gray, plane, rotate, translate
 from helpers.support import (
     agree,
     camera,
@@ -171,7 +171,7 @@ def test_same_seed_same_picture():
 
 def test_a_million_samples_in_one_pixel_are_not_low():
     """Added to one number in single precision, 2^20 lose 0.4 % of it."""
-    lamp = plane(emitter={"type": "area", "radiance": grey(0.7)})
+    lamp = plane(emitter={"type": "area", "radiance": gray(0.7)})
     described = scene({"lamp": lamp}, camera((0, 0, 3), (0, 0, 0), film(bins=8, bin_width=1.0)))
     steady, transient = rendered(described, spp=1 << 20)
     assert transient[0, 0, 3] == pytest.approx([0.7] * 3, rel=2e-4)

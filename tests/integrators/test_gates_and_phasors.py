@@ -8,7 +8,7 @@ from functools import partial
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.parts import diffuse, grey, plane, point_light, rotate, translate
+from helpers.parts import diffuse, gray, plane, point_light, rotate, translate
 from helpers.support import camera, film, load, refused, scene, with_integrator
 
 import tofrender
@@ -38,9 +38,9 @@ def gated(**parameters) -> mi.Object:
 PEAK = 1 / (0.1 * math.sqrt(2 * math.pi))  # Of the pulse of a gate
 
 
-def one_path(colour=(1.0, 1.0, 1.0)):
+def one_path(color=(1.0, 1.0, 1.0)):
     """A point light and a plane: exactly one path. Returns scene, its length and radiance."""
-    white = {"type": "rgb", "value": [0.5 * each for each in colour]}
+    white = {"type": "rgb", "value": [0.5 * each for each in color]}
     floor = plane(size=10, bsdf={"type": "diffuse", "reflectance": white})
     parts = {"floor": floor, "lamp": point_light((0, 0, 1.5), 3.0)}
     loaded = load(scene(parts, camera((0, 0, 2.0), (0, 0, 0), film(), fov=1e-3)))
@@ -81,7 +81,7 @@ def test_gates_are_the_histogram_convolved():
     kernel = np.exp(-0.5 * ((times[:, None] - fine.opl.values) / 0.1) ** 2)
     kernel /= 0.1 * math.sqrt(2 * math.pi)
     expected = np.einsum("kt,yxtc->yxkc", kernel, fine.transient.values.astype(np.float64))
-    # An arrival is half a fine bin off its centre at most, times the pulse's steepest slope
+    # An arrival is half a fine bin off its center at most, times the pulse's steepest slope
     assert np.abs(cube - expected).max() < 0.0005 / 0.1 * math.exp(-0.5) * expected.max()
 
 
@@ -157,15 +157,15 @@ def test_what_cannot_be_measured_is_refused_in_a_line():
 
 def test_phasors_of_one_path():
     """Form d: P = L exp(+i k opl), depth = opl / 2 up to whole ranges."""
-    colour = np.array([1.0, 0.5, 0.2])
-    loaded, opl, radiance = one_path(colour)
+    color = np.array([1.0, 0.5, 0.2])
+    loaded, opl, radiance = one_path(color)
     found = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], FREQUENCIES, spp=4)
     for frequency, *values in zip(FREQUENCIES, *found, strict=True):
         i, q, amplitude, phase, depth = (each[0, 0] for each in values)
         turn = 2 * math.pi * frequency * opl / C
-        assert i == pytest.approx(radiance * math.cos(turn) * colour, abs=1e-4 * radiance)
-        assert q == pytest.approx(radiance * math.sin(turn) * colour, abs=1e-4 * radiance)
-        assert amplitude == pytest.approx(radiance * colour, rel=1e-5)
+        assert i == pytest.approx(radiance * math.cos(turn) * color, abs=1e-4 * radiance)
+        assert q == pytest.approx(radiance * math.sin(turn) * color, abs=1e-4 * radiance)
+        assert amplitude == pytest.approx(radiance * color, rel=1e-5)
         assert np.cos(phase - turn) == pytest.approx(np.ones(3), abs=1e-6)
         assert depth == pytest.approx(np.full(3, opl / 2 % (C / (2 * frequency))), abs=1e-4)
 
@@ -357,7 +357,7 @@ def test_a_scene_of_another_variant_is_refused_in_a_line():
 def test_a_single_gate_sees_a_projector():
     """Its bounding box is none: as a bound of lengths it would end every path."""
     look = mi.ScalarTransform4f().look_at([0.3, 0, 2], [0, 0, 0], [0, 1, 0])
-    lamp = {"type": "projector", "irradiance": grey(3.0), "fov": 40, "to_world": look}
+    lamp = {"type": "projector", "irradiance": gray(3.0), "fov": 40, "to_world": look}
     sensor = camera((0, 0, 2), (0, 0, 0), film(4, 4), fov=20)
     loaded = load(scene({"lamp": lamp, "floor": plane()}, sensor))
     integrator = tofrender.TimeGatedTransientPath(mi.Properties())

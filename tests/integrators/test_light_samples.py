@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.gallery import SCENES as GALLERY
 from helpers.light_paths import cornell_light_over_floor, disk_over_receiver
-from helpers.parts import area_light, diffuse, grey, plane, rotate, translate
+from helpers.parts import area_light, diffuse, gray, plane, rotate, translate
 from helpers.support import (
     agree,
     load,
@@ -53,7 +53,7 @@ def sixteen_lamps() -> dict:
 
 
 def environment() -> dict:
-    described = box(light=False, sky={"type": "constant", "radiance": grey(1.0)})
+    described = box(light=False, sky={"type": "constant", "radiance": gray(1.0)})
     del described["ceiling"]
     return described
 

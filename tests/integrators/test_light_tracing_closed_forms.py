@@ -30,7 +30,7 @@ from helpers.light_paths import (
     spot,
     through,
 )
-from helpers.parts import area_light, diffuse, grey, plane, point_light, rotate, translate, unit
+from helpers.parts import area_light, diffuse, gray, plane, point_light, rotate, translate, unit
 from helpers.support import agree, camera, film, load, over_seeds, refused, rendered, scene
 from oracles import films as oracles
 from oracles.light_paths import (
@@ -70,12 +70,12 @@ SPHERE = oracles.enclosing_sphere((-1, -1, 0), (1, 1, 2.5))
 
 
 def sun() -> dict:
-    light = {"type": "directional", "direction": (-TO_SUN).tolist(), "irradiance": grey(2.0)}
+    light = {"type": "directional", "direction": (-TO_SUN).tolist(), "irradiance": gray(2.0)}
     return {"lamp": light} | floor(1.0)
 
 
 def sky() -> dict:
-    return {"lamp": {"type": "constant", "radiance": grey(2.0)}} | floor(1.0)
+    return {"lamp": {"type": "constant", "radiance": gray(2.0)}} | floor(1.0)
 
 
 def rectangle(shift: float) -> Case:
@@ -153,12 +153,12 @@ def test_each_has_all_light(name, technique, spp):
         for wrong in (1.03 * found, found / 1.03, np.roll(found, 1, axis=1), found * np.nan):
             assert not arrives(wrong, masses, edges)
     if (name, technique) == ("offset .3", BDPT):  # A window that ignores the principal point
-        centred = CASES["rectangle"].exact(CASES["rectangle"].view).masses(edges)
-        assert not arrives(centred + found - found.mean(axis=0), masses, edges)
+        centered = CASES["rectangle"].exact(CASES["rectangle"].view).masses(edges)
+        assert not arrives(centered + found - found.mean(axis=0), masses, edges)
 
 
 BOUNCE = 0.8
-"""Albedo of the sphere of radius 1, with a lamp and a camera of 90 degrees at its centre."""
+"""Albedo of the sphere of radius 1, with a lamp and a camera of 90 degrees at its center."""
 
 
 def in_sphere(technique: str, max_depth: int, edges=None, size: int = 4, **more: Any) -> dict:
@@ -371,8 +371,8 @@ WIDTH_OPL = 0.06
 def pulse_masses(light: Light, edges: np.ndarray, width: float) -> np.ndarray:
     """Bins of a Gaussian pulse, by lengths that are rounded to a thousandth of all."""
     fine = np.linspace(light.opl.min(), light.opl.max() + 1e-6, 1001)
-    centres = 0.5 * (fine[1:] + fine[:-1])
-    passed = oracles.gaussian_cdf(edges[:, None] - centres, width)
+    centers = 0.5 * (fine[1:] + fine[:-1])
+    passed = oracles.gaussian_cdf(edges[:, None] - centers, width)
     return np.diff(passed, axis=0) @ light.masses(fine)
 
 
@@ -423,7 +423,7 @@ def test_phasors(technique, spp):
 @pytest.mark.statistical
 @TECHNIQUES
 def test_gates(technique, spp):
-    """One gate, and all of them: L p(t - opl), a radiance per metre."""
+    """One gate, and all of them: L p(t - opl), a radiance per meter."""
     light, _ = exact("disk")
     loaded = load(described("disk", technique, size=4))
     sensor = loaded.sensors()[0]

@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.gallery import SCENES
-from helpers.parts import area_light, diffuse, grey, plane, point_light, translate
+from helpers.parts import area_light, diffuse, gray, plane, point_light, translate
 from helpers.support import (
     agree,
     camera,
@@ -155,7 +155,7 @@ MATERIALS = {
     "mirror": {"type": "conductor", "material": "none"},
     "glass": {"type": "dielectric"},
     "thin glass": {"type": "thindielectric"},
-    "plastic": {"type": "plastic", "diffuse_reflectance": grey(0.5)},
+    "plastic": {"type": "plastic", "diffuse_reflectance": gray(0.5)},
     "rough plastic": {"type": "roughplastic", "alpha": 0.1},
     "rough conductor": {"type": "roughconductor", "alpha": 0.2},
     "rough glass": {"type": "roughdielectric", "alpha": 0.4},
@@ -190,7 +190,7 @@ def tiles(lights: dict) -> mi.Scene:
 
 
 def on_each_tile(loaded: mi.Scene, integrator: dict, count: int, seed: int) -> np.ndarray:
-    """Paths that leave each tile's centre, (batches, tiles)."""
+    """Paths that leave each tile's center, (batches, tiles)."""
     tile = mi.Float(4 * (np.arange(count) % len(MATERIALS)))
     ray = mi.Ray3f(mi.Point3f(tile, 1.2, 2.0), dr.normalize(mi.Vector3f(0 * tile, -1.2, -2.0)))
     found = paths(loaded, integrator | {"max_depth": 2}, ray, seed)
@@ -201,13 +201,13 @@ SMALL_LAMPS = {
     "bulb": point_light((2.0, 2.0, 3.0), 20.0),
     "spot": {
         "type": "spot",
-        "intensity": grey(300.0),
+        "intensity": gray(300.0),
         "cutoff_angle": 60.0,
         "to_world": mi.ScalarTransform4f().look_at([20, 2, 9], [20, 0, 0], [0, 1, 0]),
     },
-    "sun": {"type": "directional", "direction": [0.3, 0.2, -1], "irradiance": grey(0.5)},
+    "sun": {"type": "directional", "direction": [0.3, 0.2, -1], "irradiance": gray(0.5)},
 }
-SKY = {"sky": {"type": "constant", "radiance": grey(0.2)}}
+SKY = {"sky": {"type": "constant", "radiance": gray(0.2)}}
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.parts import area_light, diffuse, grey, plane, point_light, translate, unit
+from helpers.parts import area_light, diffuse, gray, plane, point_light, translate, unit
 from helpers.support import agree, camera, film, largest, load, refused, rendered, scene
 from helpers.tracers import paths
 from oracles import films as oracles
 from oracles.ball import (
-    CENTRE,
+    CENTER,
     ENERGY,
     EYE,
     POSITION,
@@ -35,7 +35,7 @@ def with_plugin(parts: dict, sensor: dict, plugin: dict) -> dict:
 
 
 def ball(**more) -> dict:
-    return {"type": "sphere", "center": CENTRE.tolist(), "radius": RADIUS, **more}
+    return {"type": "sphere", "center": CENTER.tolist(), "radius": RADIUS, **more}
 
 
 def values(loaded: mi.Scene, plugin: dict, origin, way, seed: int = 0) -> np.ndarray:
@@ -52,17 +52,17 @@ def looking(the_film: dict, target=(0.2, 0.1, 0.3), **more) -> dict:
     return camera(EYE, target, the_film, up=(0, 0, 1), **more)
 
 
-@pytest.mark.parametrize("colour", [1.0, [3.0, 1.0, 0.25]])
-def test_simple_is_its_formula(colour):
+@pytest.mark.parametrize("color", [1.0, [3.0, 1.0, 0.25]])
+def test_simple_is_its_formula(color):
     """Plane, ball, both in their own and in the ball's shadow: ray by ray."""
     loaded = load(scene(FLOOR_AND_BALL, looking(film())))
     way = spread(96)
     expected, _, sure = formula(way)
     assert sure.mean() > 0.99
     assert 0.05 < (expected == 0).mean() < 0.3
-    energy = {"type": "rgb", "value": colour} if isinstance(colour, list) else colour
+    energy = {"type": "rgb", "value": color} if isinstance(color, list) else color
     found = values(loaded, SIMPLE | {"energy": energy}, EYE, way)
-    error = np.abs(found - expected[:, None] * np.array(colour))[sure]
+    error = np.abs(found - expected[:, None] * np.array(color))[sure]
     assert error.max() < 2e-5 * found.max()
 
 
@@ -112,7 +112,7 @@ def test_simple_lights_the_side_that_is_seen():
 
 LIT = {
     "lamp": point_light((0, 1, 3), 40.0),
-    "sky": {"type": "constant", "radiance": grey(2.0)},
+    "sky": {"type": "constant", "radiance": gray(2.0)},
     "far": plane(translate(0, 0, 50), 0.1, emitter=area_light(9.0)),
 }
 ODD = {
@@ -209,7 +209,7 @@ def test_ao_is_path_with_a_white_world():
         "integrator": {"type": "path", "max_depth": 2, "hide_emitters": True},
         "white": diffuse(1.0),
         "bust": bust_mesh(bsdf=diffuse(1.0)),
-        "sky": {"type": "constant", "radiance": grey(1.0)},
+        "sky": {"type": "constant", "radiance": gray(1.0)},
     }
 
     def blocks(each, seeds):
@@ -228,7 +228,7 @@ def test_ao_in_time():
 
     As for a sky over a diffuse floor; the camera is at (0, 0, 3), and z is half of that.
     """
-    centre, radius = oracles.enclosing_sphere((-1, -1, 0), (1, 1, 3))
+    center, radius = oracles.enclosing_sphere((-1, -1, 0), (1, 1, 3))
     sensor = camera(
         (0, 0, 3), (0, 0, 0), film(8, 8, bins=64, start=3.0, bin_width=1 / 16), fov=1e-4
     )
@@ -236,7 +236,7 @@ def test_ao_in_time():
     assert total == pytest.approx(np.ones((8, 8, 3)))
     assert bins.sum(axis=2) == pytest.approx(total, rel=1e-5)
     edges = 3.0 + np.arange(65) / 16
-    expected = np.diff(np.clip((edges - 3.0 - radius) / centre[2], 0, 1) ** 2)
+    expected = np.diff(np.clip((edges - 3.0 - radius) / center[2], 0, 1) ** 2)
     assert expected.sum() == pytest.approx(1)
     found, shown = bins[..., 0].reshape(64, 64), expected > 1e-3
     assert agree(found[:, shown], expected[shown])

@@ -1,7 +1,7 @@
 """Integrators that students write: their own `sample` makes the picture, or a line says why not.
 
 Classes here have the form of the assignment's text: `sample` takes (scene, sampler, ray,
-target_time, medium, active), with a modulation no target time; it returns (colour, valid, aovs).
+target_time, medium, active), with a modulation no target time; it returns (color, valid, aovs).
 """
 
 import math

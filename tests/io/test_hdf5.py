@@ -15,7 +15,7 @@ from helpers.refusals import refused
 
 from tofrender.io import load_capture, save_capture
 from tofrender.nlos import check_capture, depth_error, make_capture, reconstruct
-from tofrender.rendering.labels import labelled
+from tofrender.rendering.labels import labeled
 
 modes = pytest.mark.parametrize("mode", ["single", "confocal", "exhaustive"])
 ATTRS = {"scene": "bördér: [Z]", "spp": 64, "seed": 2**32 - 1, "fraction": 1e-5, "third": 1 / 3}
@@ -49,7 +49,7 @@ def test_round_trip_is_exact(tmp_path, mode, legs, origins):
     capture = example(mode, legs=legs).assign_coords(x=[3, 4, 5, 6, 7])
     if legs:
         capture = capture.assign_coords(channel=["R"])
-    capture = labelled(capture)
+    capture = labeled(capture)
     values = capture["transient"].values
     values[..., 0, 0, :3, 0] = -0.0, 1e-42, np.finfo(np.float32).max
     if not origins:
@@ -97,30 +97,30 @@ def test_pixels_off_the_wall_come_back(tmp_path, seed):
     on_wall[seed, 1:3] = True, False
     capture["on_wall"] = (("y", "x"), on_wall)
     again = load_capture(save_capture(capture, tmp_path / "part.h5"))
-    assert again.identical(labelled(capture))
+    assert again.identical(labeled(capture))
 
 
 @modes
-@pytest.mark.parametrize("grey", [False, True])
-def test_colours_come_back_and_others_read_luminance(tmp_path, mode, grey):
-    capture = in_rgb(example(mode), *((1, 1, 1) if grey else (0.2, 1, 0.7)))
+@pytest.mark.parametrize("gray", [False, True])
+def test_colors_come_back_and_others_read_luminance(tmp_path, mode, gray):
+    capture = in_rgb(example(mode), *((1, 1, 1) if gray else (0.2, 1, 0.7)))
     capture["transient"].attrs["note"] = "a b"
     capture["opl"].attrs |= {"zero": "the wall", "offset": 1e-5}
-    capture = labelled(capture)
+    capture = labeled(capture)
     path = save_capture(capture, tmp_path / "c.h5")
     xr.testing.assert_identical(load_capture(path), capture)
     assert not (load_capture(path) - capture)["transient"].values.any()
     with h5py.File(path, "r+") as file:
         luminance = capture["transient"].values @ np.array([0.212671, 0.71516, 0.072169])
         np.testing.assert_allclose(file["H"], time_first(luminance, mode), rtol=1e-5)
-        assert len(file["H"].attrs) == (0 if grey else 1)
+        assert len(file["H"].attrs) == (0 if gray else 1)
 
 
-def test_colours_that_do_not_fit_are_refused(tmp_path):
+def test_colors_that_do_not_fit_are_refused(tmp_path):
     path = save_capture(in_rgb(example(), 0.2, 1, 0.7), tmp_path / "c.h5")
     for wrong in (np.ones(3, np.float32), np.ones((30, 6, 5, 3), np.float32)):
         with h5py.File(path, "r+") as file:
-            file["H"].attrs["tofrender_colours_0"] = wrong
+            file["H"].attrs["tofrender_colors_0"] = wrong
         with pytest.raises(ValueError, match=r"\Apath = .*: H: colors with shape .*\Z"):
             load_capture(path)
 

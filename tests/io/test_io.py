@@ -21,7 +21,7 @@ from PIL import Image, ImageSequence
 
 from tofrender import io, save_zarr
 from tofrender.io import exr, npz, pictures
-from tofrender.rendering.labels import labelled
+from tofrender.rendering.labels import labeled
 from tofrender.runtime import atomic
 
 
@@ -63,7 +63,7 @@ def test_round_trip_of_standard_errors(tmp_path, layout, channels):
         values = dataset[name].values / 7
         dataset[f"{name}_error"] = dataset[name].dims, values, dict(dataset[name].attrs)
     path = save(dataset, target(tmp_path, layout), layout)
-    assert_same(load(path, layout), labelled(dataset))
+    assert_same(load(path, layout), labeled(dataset))
 
 
 @layouts

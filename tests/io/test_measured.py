@@ -223,7 +223,7 @@ def test_options_of_files_that_state_all(tmp_path):
     files.znlos(tmp_path / "a", "single")
     with refused("wall_size = 2: must be None, as the file states it"):
         load_capture(tmp_path / "a", wall_size=2)
-    for bad, message in ((-1, "metres above 0"), ((1, 2, 3), "width and height"), ("1", "metres")):
+    for bad, message in ((-1, "meters above 0"), ((1, 2, 3), "width and height"), ("1", "meters")):
         files.lct(tmp_path / "b")
         with refused(f"wall_size = .*{message}"):
             load_capture(tmp_path / "b", wall_size=bad)

@@ -30,14 +30,14 @@ from matplotlib.figure import Figure
 import tofrender
 from tofrender import GaussianPulse, io, labels, motion, nlos, sensors
 from tofrender.labels import Kind
-from tofrender.rendering.labels import labelled
+from tofrender.rendering.labels import labeled
 
 START, WIDTH = 3.375, 0.125
 ALL_SEQUENCES = 200  # With --all-inputs
 SEQUENCES = 50
 SLOW_SEQUENCES = 10
 SLOW = {
-    *("light_in_flight", "measurement_figure", "plot_pixel_transient", "polarisation_figure"),
+    *("light_in_flight", "measurement_figure", "plot_pixel_transient", "polarization_figure"),
     *("pyramid_figure", "range_velocity_map", "reconstruction_figure", "save_zarr"),
     *("summary_figure", "velocity_map", "visualize_transient"),
 }
@@ -129,7 +129,7 @@ def film(stokes=False, bins=8, halves=False):
         **{"units": "W m^-2 sr^-1", "energy_outside_window": 0.2, "complete": 1, "spp": 16},
         **{"scene": "scene", "seed": 3, "fingerprint": "1", "render_seconds": 0.1},
     }
-    return labelled(xr.Dataset(variables, axes, attrs))
+    return labeled(xr.Dataset(variables, axes, attrs))
 
 
 FEATURES = 11  # Of a render for `denoise`
@@ -138,7 +138,7 @@ FEATURES = 11  # Of a render for `denoise`
 def frames():
     """Return two frames."""
     parts = [film(bins=4), film(bins=4) * 2]
-    return labelled(xr.concat(parts, xr.DataArray([0.0, 0.5], dims="frame", name="frame")))
+    return labeled(xr.concat(parts, xr.DataArray([0.0, 0.5], dims="frame", name="frame")))
 
 
 def pyramid():
@@ -148,7 +148,7 @@ def pyramid():
     axes = {"weighting": ["mis", "none"], "strategy": ["0,2", "1,1", "0,3"]}
     axes |= {"s": ("strategy", [0, 1, 0]), "t": ("strategy", [2, 1, 3])}
     attrs = {"start_opl": START, "bin_width_opl": WIDTH, "units": "W m^-2 sr^-1", "scene": "s"}
-    return labelled(both.assign_coords(axes).assign_attrs(attrs))
+    return labeled(both.assign_coords(axes).assign_attrs(attrs))
 
 
 def range_rates():
@@ -476,7 +476,7 @@ def rebuilt(data, like):
         first = {"stokes": 0} if "stokes" in made.dims else {}
         light, steady = (float(made[k].isel(first).sum()) for k in ("transient", "steady"))
         made.attrs["energy_outside_window"] = min(max(1 - light / steady, 0.0), 1.0)
-    return labelled(made) if "opl" in made.coords else made
+    return labeled(made) if "opl" in made.coords else made
 
 
 def fingerprint(data):

@@ -16,14 +16,14 @@ PARAMETERS = ("capture_mode", "start_opl", "bin_width_opl", "counts_first_and_la
 
 def colored():
     """Return a capture with three different channels."""
-    grey = small_capture()
-    light = grey["transient"].values * np.float32([0.2, 1.0, 3.0])
-    given = {name.removeprefix("capture_"): grey.attrs[name] for name in PARAMETERS}
+    gray = small_capture()
+    light = gray["transient"].values * np.float32([0.2, 1.0, 3.0])
+    given = {name.removeprefix("capture_"): gray.attrs[name] for name in PARAMETERS}
     given["counts_first_and_last_legs"] = bool(given["counts_first_and_last_legs"])
     names = ["sensor_grid", "sensor_normals", "sensor_origin", "laser_origin"]
-    given |= {name: grey[name].values for name in names}
+    given |= {name: gray[name].values for name in names}
     if given["mode"] != "confocal":
-        given |= {name: grey[name].values for name in ("laser_grid", "laser_normals")}
+        given |= {name: gray[name].values for name in ("laser_grid", "laser_normals")}
     return make_capture(light, **given)
 
 

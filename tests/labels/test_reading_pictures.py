@@ -151,10 +151,10 @@ def test_stokes_components_are_found_by_their_names():
     for degree in (tofrender.degree_of_polarization, tofrender.angle_of_linear_polarization):
         xr.testing.assert_identical(degree(mixed), degree(light))
     other = turned(mixed)
-    np.testing.assert_array_equal(vis.polarisation_picture(other), vis.polarisation_picture(light))
-    assert_same(drawn(vis.polarisation_figure(other)), drawn(vis.polarisation_figure(light)))
+    np.testing.assert_array_equal(vis.polarization_picture(other), vis.polarization_picture(light))
+    assert_same(drawn(vis.polarization_figure(other)), drawn(vis.polarization_figure(light)))
     four = light.isel(stokes=[0, 1, 2, 2])
-    for call in (tofrender.degree_of_polarization, vis.polarisation_picture):
+    for call in (tofrender.degree_of_polarization, vis.polarization_picture):
         refused("stokes", call, four)
 
 

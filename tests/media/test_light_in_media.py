@@ -157,7 +157,7 @@ def stokes(technique: str, spp: int, seeds) -> np.ndarray:
 
 
 @pytest.mark.parametrize("technique", [LIGHT_TRACER, BDPT])
-def test_polarised_light_from_both_ends(technique, monkeypatch):
+def test_polarized_light_from_both_ends(technique, monkeypatch):
     mi.set_variant("llvm_ad_mono_polarized")
     reference = stokes(PATH, 4 * SPP, OTHER_SEEDS)
     size = np.abs(reference.mean(axis=0)).reshape(-1, 4)

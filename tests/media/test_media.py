@@ -130,7 +130,7 @@ def test_photons_wander_as_they_must(kind, g, mu_s, length, z, r2):
 
 
 def moved_by_null_collisions(self, flight, before, *_):
-    """A flight that goes a centimetre further at each."""
+    """A flight that goes a centimeter further at each."""
     null = flight.active & (flight.distance > before.distance)
     flight.distance = dr.select(null, flight.distance + 0.01, flight.distance)
     return flight
@@ -222,7 +222,7 @@ def turned_lamp(z: float) -> dict:
 
 
 def test_lengths_are_exact_behind_boundaries():
-    """Twenty boundaries of equal index, and a dense grid around: not a millimetre is lost."""
+    """Twenty boundaries of equal index, and a dense grid around: not a millimeter is lost."""
     walls = {f"wall{k}": across(1.0 + 0.37 * k, bsdf={"type": "null"}) for k in range(20)}
     scene = mi.load_dict({"type": "scene", "lamp": turned_lamp(12)} | walls)
     medium = mi.load_dict(fog(1e-3, 0.0, 0.0, "dense corner"))
@@ -233,7 +233,7 @@ def test_lengths_are_exact_behind_boundaries():
 
 @pytest.mark.parametrize("boundary", [False, True])
 def test_plates_are_no_boundaries(boundary):
-    """A polariser has the flags of `null`, and takes half of the light."""
+    """A polarizer has the flags of `null`, and takes half of the light."""
     parts = {"lamp": turned_lamp(5), "plate": across(2, bsdf={"type": "polarizer"})}
     parts |= {"wall": across(3, bsdf={"type": "null"})} if boundary else {}
     scene = mi.load_dict({"type": "scene"} | parts)
@@ -250,17 +250,17 @@ def test_values_are_those_of_the_channel_that_was_drawn():
 
 SEES_RED = 0.0125, 0.25, 1.0
 GRID = volume(np.broadcast_to(SEES_RED, (8, 8, 8, 3)), (-40, -40, -40), 80)
-COLOURED = {
+COLORED = {
     "even": fog(red(*SEES_RED), 0.0, scale=4.0),
     "grid": fog(4.0, 0.0, kind="grid") | {"sigma_t": GRID},
 }
 
 
-@pytest.mark.parametrize("kind", COLOURED)
-def test_colours_are_right_where_they_differ_much(kind):
+@pytest.mark.parametrize("kind", COLORED)
+def test_colors_are_right_where_they_differ_much(kind):
     """Red sees through, blue does not: the mean of each channel is its own transmittance."""
     lamp = {"type": "constant", "radiance": 1.0}
-    wall = filled(cube([30, 30, 1], [0, 0, 3]), COLOURED[kind])
+    wall = filled(cube([30, 30, 1], [0, 0, 3]), COLORED[kind])
     scene = mi.load_dict({"type": "scene", "lamp": lamp, "wall": wall})
     found = []
     for seed in range(SEEDS):

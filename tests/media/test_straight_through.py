@@ -38,7 +38,7 @@ MASK = {"type": "mask", "opacity": 0.5, "of": {"type": "twosided", "all": diffus
 CLEAR = MASK | {"opacity": 0.0}
 OVER_PANE = {"type": "mask", "opacity": 0.3, "of": PANE}
 BLEND = {"type": "blendbsdf", "weight": 0.4, "a": NULL, "b": diffuse(0.5)}
-POLARISER = {"type": "polarizer"}
+POLARIZER = {"type": "polarizer"}
 
 POINT = {"floor": FLOOR, "lamp": point_light((0.5, 0.5, 1.5), 5.0)}
 GLOW = {"glow": sphere(0.3, emitter=area_light(3.0))}
@@ -140,7 +140,7 @@ SHOWN: dict[str, tuple[dict, float]] = {
     "mask": (MASK, 0.5 * 0.6),
     "masked pane": (OVER_PANE, 0.3 * reflected_by_pane(TILT)),
     "blend": (BLEND, 0.4 * 0.5),
-    "polarizer": (POLARISER, 0.0),
+    "polarizer": (POLARIZER, 0.0),
 }
 """Share of the sky's radiance that a surface reflects to the camera; the rest is hidden."""
 
@@ -195,7 +195,7 @@ def below(material: dict | None, kind: str = "transient_volpath", **more: Any) -
 
 
 def through_pane(index: float = 1.9) -> float:
-    """1 - 2 r / (1 + r), with Fresnel's reflectance r of unpolarised light."""
+    """1 - 2 r / (1 + r), with Fresnel's reflectance r of unpolarized light."""
     cos = HEIGHT / np.hypot(HEIGHT, ASIDE)
     bent = np.sqrt(1 - (1 - cos**2) / index**2)
     across = (cos - index * bent) / (cos + index * bent)
@@ -211,7 +211,7 @@ LETS_THROUGH: dict[str, tuple[dict | None, float]] = {
     "mask": (MASK, 0.5),
     "masked pane": (OVER_PANE, 1 - 0.3 * (1 - through_pane())),
     "blend": (BLEND, 0.6),
-    "polariser": (POLARISER, 0.5),
+    "polarizer": (POLARIZER, 0.5),
 }
 
 
@@ -242,8 +242,8 @@ def test_scenes_without_such_surfaces_are_as_by_transient_path():
     np.testing.assert_array_equal(*pictures)
 
 
-def test_polarised_light_is_that_of_volpath():
-    """Through a polariser and a quarter-wave plate, off metal."""
+def test_polarized_light_is_that_of_volpath():
+    """Through a polarizer and a quarter-wave plate, off metal."""
     mi.set_variant("llvm_ad_mono_polarized")
 
     def value(x: float) -> dict:

@@ -33,8 +33,8 @@ def test_beats_have_the_frequencies_and_signs_of_the_formula(rate):
     slope = LIDAR.bandwidth_hz / LIDAR.chirp_s
     for name, sign in (("up", 1), ("down", -1)):
         beat = slope * OPL[30] / SPEED_OF_LIGHT + sign * RATES[rate] / LIDAR.wavelength_m
-        centre = (spectra[name] * spectra["beat"]).sum() / spectra[name].sum()
-        assert centre.item() == pytest.approx(beat, abs=0.02 / LIDAR.chirp_s)
+        center = (spectra[name] * spectra["beat"]).sum() / spectra[name].sum()
+        assert center.item() == pytest.approx(beat, abs=0.02 / LIDAR.chirp_s)
         assert spectra[name].sum().item() == pytest.approx(2.0, rel=1e-4)
     found = LIDAR.estimates(spectra)
     assert found["opl"].item() == pytest.approx(OPL[30], abs=0.015 * LIDAR.resolution[0])
@@ -132,7 +132,7 @@ def test_a_moving_box_is_found_where_it_is():
     truth = tofrender.true_depth(scene)
     moves = found["rate"].values > 1.0
     assert 2 < moves.sum() < 30
-    off = abs(found["opl"].values / 2 - truth)[moves]  # Centres of pixels may see another surface
+    off = abs(found["opl"].values / 2 - truth)[moves]  # Centers of pixels may see another surface
     assert np.median(off) < 0.05
     assert np.median(found["rate"].values[moves]) / 2 == pytest.approx(2.0, abs=0.1)
 

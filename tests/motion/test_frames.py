@@ -91,8 +91,8 @@ def test_an_exposure_spreads_over_bins():
     described["light"] = {"type": "point", "position": [0.0, 0, 0], "intensity": 10.0}
     found = render_frames(load(described), [0.0], exposure_s=0.2, poses=60, spp=60, progress=False)
     light = found["transient"].mean(("frame", "y", "x", "channel")).values
-    centre = found["opl"].values / 2
-    np.testing.assert_allclose(light * centre**2 / (light * centre**2).mean(), 1, atol=0.02)
+    center = found["opl"].values / 2
+    np.testing.assert_allclose(light * center**2 / (light * center**2).mean(), 1, atol=0.02)
 
 
 def test_rows_of_a_rolling_shutter_have_their_own_time():

@@ -4,7 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.moving import share_at
-from helpers.parts import diffuse, grey, plane, point_light, unit
+from helpers.parts import diffuse, gray, plane, point_light, unit
 from helpers.scenes import refusal
 from helpers.support import camera, film, scene
 
@@ -72,8 +72,8 @@ def test_velocities_in_a_dict_and_by_name():
 
 
 def test_shapes_are_merged_unless_something_moves():
-    grey_wall = diffuse(0.5)
-    parts = {name: {"type": "cube", "bsdf": grey_wall} for name in "abc"}
+    gray_wall = diffuse(0.5)
+    parts = {name: {"type": "cube", "bsdf": gray_wall} for name in "abc"}
     resting = tofrender.load_scene(described(**parts))
     moving = tofrender.load_scene(described(**parts | {"b": parts["b"] | {"velocity": [0, 0, 1]}}))
     standing = tofrender.load_scene(
@@ -120,7 +120,7 @@ def test_motions_of_parts_that_cannot():
     medium["sigma_t"]["grid"] = mi.VolumeGrid(np.full((2, 2, 2), 0.5, np.float32))
     parts = {
         "sky": {"type": "constant"},
-        "sun": {"type": "directional", "direction": [0, 0, -1], "irradiance": grey(1.0)},
+        "sun": {"type": "directional", "direction": [0, 0, -1], "irradiance": gray(1.0)},
         "panel": plane(size=0.1, emitter={"type": "area", "id": "shine"}),
         "smoke": {"type": "cube", "bsdf": {"type": "null"}, "interior": medium},
     }
@@ -192,4 +192,4 @@ def test_rates_of_other_measurements_are_refused():
     line = refusal(tofrender.range_rate, described(), rates=(1.0, 1.0), progress=False)
     assert line.startswith("rates = (1.0, 1.0): must end"), line
     line = refusal(tofrender.range_rate, described(), window="auto", progress=False)
-    assert line == "window = 'auto': must be (start, stop) in metres"
+    assert line == "window = 'auto': must be (start, stop) in meters"

@@ -33,7 +33,7 @@ def at(position) -> list[float]:
 
 
 def ply(path) -> str:
-    """A curved mesh with normals, coordinates of textures, and colours of vertices."""
+    """A curved mesh with normals, coordinates of textures, and colors of vertices."""
     u, v = (a.ravel() for a in np.meshgrid(np.linspace(-1, 1, 7), np.linspace(-1, 1, 7)))
     mesh = mi.Mesh("sheet", 49, 72, has_vertex_normals=True, has_vertex_texcoords=True)
     mesh.add_attribute("vertex_color", 3, np.clip(np.stack([u, v, u * v], -1), 0, 1).ravel())

@@ -18,7 +18,7 @@ BOXES = {
     "small": ([0.0852, 0.2895, 0, 0.3286], [0, 0, -0.3, 0.3], [-0.285, 0.0865, 0, 0.3746]),
     "tall": ([0.2868, 0.0982, 0, -0.3354], [0, 0, -0.6, 0.6], [-0.0998, 0.2823, 0, -0.2914]),
 }
-WALLS = {  # Colour, and where the wall's square [-1, 1]^2 is turned and moved to
+WALLS = {  # Color, and where the wall's square [-1, 1]^2 is turned and moved to
     "floor": ([0.725, 0.71, 0.68], [0, 0, 0], [1, 0, 0], -90),
     "ceiling": ([0.725, 0.71, 0.68], [0, 2, 0], [1, 0, 0], 90),
     "back": ([0.725, 0.71, 0.68], [0, 1, -1], [1, 0, 0], 0),
@@ -27,8 +27,8 @@ WALLS = {  # Colour, and where the wall's square [-1, 1]^2 is turned and moved t
 }
 
 
-def shape(kind, colour, to_world):
-    diffuse = {"type": "diffuse", "reflectance": {"type": "rgb", "value": colour}}
+def shape(kind, color, to_world):
+    diffuse = {"type": "diffuse", "reflectance": {"type": "rgb", "value": color}}
     return {"type": kind, "to_world": to_world, "bsdf": {"type": "twosided", "one": diffuse}}
 
 
@@ -43,9 +43,9 @@ def heterodyne():
         "sensor": {"type": "perspective", "fov": 19.5, "to_world": eye, "film": film},
         "lamp": {"type": "point", "position": [0, 1, 6.8], "intensity": 100.0},
     }
-    for name, (colour, at, axis, degrees) in WALLS.items():
+    for name, (color, at, axis, degrees) in WALLS.items():
         pose = transform().translate(at).rotate(axis, degrees)
-        scene[name] = shape("rectangle", colour, pose)
+        scene[name] = shape("rectangle", color, pose)
     for name, rows in BOXES.items():
         scene[name] = shape("cube", white, transform(np.array([*rows, [0, 0, 0, 1]])))
     moved = {"small": Motion((0, 0, 10.0)), "tall": Motion((0, 0, -10.0))}

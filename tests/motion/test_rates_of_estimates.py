@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.moving import seen_by, share_at
-from helpers.parts import area_light, diffuse, grey, plane, point_light, rotate, translate, unit
+from helpers.parts import area_light, diffuse, gray, plane, point_light, rotate, translate, unit
 from helpers.support import agree, camera, film, over_seeds, scene
 
 import tofrender
@@ -16,7 +16,7 @@ V, W, U = np.array([0.3, -0.6, 0.8]), np.array([-0.4, 0.3, 1.2]), np.array([0.2,
 
 
 def fog(**motion) -> dict:
-    medium = {"type": "homogeneous", "sigma_t": 0.7, "albedo": grey(0.9)}
+    medium = {"type": "homogeneous", "sigma_t": 0.7, "albedo": gray(0.9)}
     box = {"type": "cube", "bsdf": {"type": "null"}, "interior": medium}
     return box | {name: list(value) for name, value in motion.items()}
 
@@ -81,7 +81,7 @@ def test_fog_before_a_wall_changes_no_rate():
         translate(0, 0, 2) @ rotate((0, 1, 0), 180), bsdf=diffuse(0.5), velocity=V.tolist()
     )
     parts = {"fog": fog(velocity=W), "wall": wall, "lamp": point_light(LAMP, 3.0)}
-    parts["fog"]["interior"] |= {"albedo": grey(0.0)}
+    parts["fog"]["interior"] |= {"albedo": gray(0.0)}
     described = seen_by(EYE, EYE + AHEAD, parts, 2, type="transient_volpath")
     spot = np.array([0.0, 0.0, 2.0])
     rate = V @ AHEAD - V @ unit(LAMP - spot)

@@ -100,7 +100,7 @@ def test_all_together_is_rest():
 
 
 def test_an_area_lamp_moves_with_its_shape():
-    """Seen directly, and by a floor: of a lamp of a millimetre."""
+    """Seen directly, and by a floor: of a lamp of a millimeter."""
     at, v = np.array([0.5, 0.4, 1.5]), np.array([0.7, -0.4, 1.8])
     small = plane(translate(*at) @ rotate((1, 0, 0), 180), 5e-4, emitter=area_light(1e4))
     parts = {"floor": plane(bsdf=diffuse(0.5)), "panel": small | {"velocity": v.tolist()}}
@@ -220,13 +220,13 @@ def test_of_a_slab_of_glass(moved):
     eye, target = np.array([0.3, -0.9, 2.0]), np.array([0.0, 0.1, high])
     v = np.array([0.5, -0.3, 1.2])
     ω = np.array([0.7, -0.5, 0.2]) if "rot" in moved else np.zeros(3)
-    centre = np.array([0.05, 0.0, 0.75])
+    center = np.array([0.05, 0.0, 0.75])
     slab, floor = (v if moved.endswith(each) else np.zeros(3) for each in ("slab", "floor"))
 
     def surfaces(t: float) -> list[Surface]:
         angle, axis = np.linalg.norm(ω) * t, ω if ω.any() else (0, 0, 1)
         n = turned((0, 0, 1), axis, angle)
-        points = [turned((0, 0, z), axis, angle, centre) + slab * t for z in (high, low)]
+        points = [turned((0, 0, z), axis, angle, center) + slab * t for z in (high, low)]
         return [
             Surface(p, n, indices=k) for p, k in zip(points, ((1, index), (index, 1)), strict=True)
         ]
@@ -236,7 +236,7 @@ def test_of_a_slab_of_glass(moved):
     light = np.add(spot, (0.6, 0.3, 0.3))
     middle, half = (high + low) / 2, (high - low) / 2
     box = translate(0, 0, middle) @ mi.ScalarTransform4f().scale([0.5, 0.5, half])
-    motion = {"velocity": slab, "angular_velocity": ω, "rotation_center": centre}
+    motion = {"velocity": slab, "angular_velocity": ω, "rotation_center": center}
     motion = {name: value.tolist() for name, value in motion.items()} if slab.any() else {}
     parts = {
         "slab": {"type": "cube", "to_world": box, "bsdf": glass(index), **motion},
@@ -312,7 +312,7 @@ def test_of_a_caustic(moved, integrator):
 
 
 def inside(bounces: int, v, **more) -> dict:
-    """Inside of a diffuse sphere, camera and lamp at its centre: light of up to so many bounces."""
+    """Inside of a diffuse sphere, camera and lamp at its center: light of up to so many bounces."""
     ball = {"type": "sphere", "radius": 2.0, "flip_normals": True, "bsdf": diffuse(0.8)}
     parts = {"ball": ball | {"velocity": list(v)} | more, "lamp": lamp(REST)}
     return seen_by(REST, (0, 0, 1), parts, bounces + 1)
@@ -340,7 +340,7 @@ def test_of_several_bounces(bounces):
     assert agree(found, expected, rounding=1e-4)
 
 
-def test_rotation_about_the_centre_changes_nothing():
+def test_rotation_about_the_center_changes_nothing():
     described = inside(6, REST, angular_velocity=[1.0, -2.0, 0.5])
     assert share_at(described, 0, 2e-5) == ALL
 

@@ -372,7 +372,7 @@ def unwarped(kind: str, mode: str) -> dict:
 def test_legs_are_what_the_lengths_count(kind, mode, spp):
     data = without_first_and_last_legs(capture(unwarped(kind, mode), mode=mode, spp=spp))
     points = nlos.Grid(3, 3).points()
-    r, r_lit = (np.linalg.norm(p - np.asarray(PLATE.centre), axis=-1) for p in (points, LIT))
+    r, r_lit = (np.linalg.norm(p - np.asarray(PLATE.center), axis=-1) for p in (points, LIT))
     expected = {"confocal": 2 * r, "single": r_lit + r, "exhaustive": np.add.outer(r, r)}[mode]
     values = data["transient"].values[..., 1].astype(float)
     assert (values.sum(axis=-1) > 0).all()

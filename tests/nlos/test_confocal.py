@@ -46,8 +46,8 @@ def test_patch(name, mode):
 
 def test_small_patch_is_f1():
     patch = facing(nlos.Rectangle.turned((0.3, 0.1, 1.2), 40, 30, (1e-3, 1e-3)))
-    r = float(np.linalg.norm(patch.centre))
-    cos_h, cos_w = abs(np.dot(patch.normal, patch.centre)) / r, patch.centre[2] / r
+    r = float(np.linalg.norm(patch.center))
+    cos_h, cos_w = abs(np.dot(patch.normal, patch.center)) / r, patch.center[2] / r
     f1 = 2.0 * 0.8**2 * 0.7 * patch.area * cos_w**2 * cos_h**2 / (math.pi**3 * r**4)
     whole = nlos.total(nlos.Setup(power=2.0), patch.nodes(), 0.7, (0, 0, 0), (0, 0, 0))
     assert whole == pytest.approx(f1, rel=1e-5)
@@ -92,12 +92,12 @@ def test_infinite_plane(half_width):
 
 @pytest.mark.statistical
 def test_sphere():
-    setup, centre, radius = nlos.Setup(legs=False, power=3.0), (0.5, 0.3, 0.9), 0.4
-    ball = {"type": "sphere", "center": list(centre), "radius": radius, "bsdf": diffuse(0.7)}
+    setup, center, radius = nlos.Setup(legs=False, power=3.0), (0.5, 0.3, 0.9), 0.4
+    ball = {"type": "sphere", "center": list(center), "radius": radius, "bsdf": diffuse(0.7)}
     edges = 2 * np.linspace(0.6, 1.1, 26)
     window = film(bins=25, start=edges[0], bin_width=0.04)
-    expected = nlos.sphere_masses(edges / 2, setup, 0.7, (0, 0, 0), centre, radius)
-    by_nodes = nlos.total(setup, nlos.sphere_nodes(centre, radius), 0.7, (0, 0, 0), (0, 0, 0))
+    expected = nlos.sphere_masses(edges / 2, setup, 0.7, (0, 0, 0), center, radius)
+    by_nodes = nlos.total(setup, nlos.sphere_nodes(center, radius), 0.7, (0, 0, 0), (0, 0, 0))
     assert expected.sum() == pytest.approx(by_nodes, rel=1e-4)  # two ways to the same
     described = nlos.confocal(setup, {"hidden": ball}, window)
     assert agree(in_time(described, 4096), expected)
@@ -163,8 +163,8 @@ def behind(plate: nlos.Rectangle, nodes: nlos.Nodes, *points) -> nlos.Nodes:
     clear = np.ones(len(nodes.areas), bool)
     for point in points:
         d = nodes.points - point
-        share = (np.asarray(plate.centre) - point) @ plate.normal / (d @ plate.normal)
-        at = point + share[:, None] * d - np.asarray(plate.centre)
+        share = (np.asarray(plate.center) - point) @ plate.normal / (d @ plate.normal)
+        at = point + share[:, None] * d - np.asarray(plate.center)
         inside = [np.abs(at @ np.asarray(a)) < np.dot(a, a) for a in (plate.u, plate.v)]
         clear &= ~((share > 0) & (share < 1) & inside[0] & inside[1])
     assert 0.1 < clear.mean() < 0.9

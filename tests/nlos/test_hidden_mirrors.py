@@ -5,7 +5,7 @@ import math
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.parts import diffuse, grey
+from helpers.parts import diffuse, gray
 from helpers.refusals import refused
 from helpers.support import agree, film, over_seeds
 from oracles import nlos
@@ -22,10 +22,10 @@ R = 0.7
 INDEX = 1.5
 F = ((INDEX - 1) / (INDEX + 1)) ** 2
 
-MIRROR = {"type": "conductor", "material": "none", "specular_reflectance": grey(R)}
+MIRROR = {"type": "conductor", "material": "none", "specular_reflectance": gray(R)}
 GLASS = {"type": "dielectric", "int_ior": INDEX, "ext_ior": 1.0}
 PANE = {"type": "thindielectric", "int_ior": INDEX, "ext_ior": 1.0}
-PLASTIC = {"type": "plastic", "diffuse_reflectance": grey(0.0), "int_ior": INDEX, "ext_ior": 1.0}
+PLASTIC = {"type": "plastic", "diffuse_reflectance": gray(0.0), "int_ior": INDEX, "ext_ior": 1.0}
 
 
 def setup_of(mode):
@@ -203,7 +203,7 @@ def test_a_patch_before_and_behind_a_mirror():
 
 def test_a_wall_of_plastic():
     """The wall's mirror lobe reflects the beam to a hidden wall, and this spot lights the wall."""
-    plastic = PLASTIC | {"diffuse_reflectance": grey(0.5)}
+    plastic = PLASTIC | {"diffuse_reflectance": gray(0.5)}
     scene = described("single", {"hidden": sheet(diffuse(0.6), 1.2)}, bins=400)
     scene["relay_wall"]["bsdf"] = plastic
     estimates = over_seeds(nlos.estimates(scene, 4096, "transient"), SEEDS)

@@ -62,8 +62,8 @@ def test_shapes_of_very_different_areas():
         facing(nlos.Rectangle.turned((-0.35, -0.2, 0.5), 20, 200, half=(0.02, 0.02))),
     ]
     shapes = {f"plate_{n}": p.shape() for n, p in enumerate(plates)}
-    centre, radius = (0.7, -0.75, 0.5), 0.15
-    ball = {"type": "sphere", "center": list(centre), "radius": radius, "bsdf": diffuse(0.7)}
+    center, radius = (0.7, -0.75, 0.5), 0.15
+    ball = {"type": "sphere", "center": list(center), "radius": radius, "bsdf": diffuse(0.7)}
     place = mi.ScalarTransform4f().translate([0.9, 0.75, 0.6]).rotate([0, 1, 0], 180)
     ellipse = {"type": "disk", "to_world": place.scale([0.1, 0.2, 1]), "bsdf": diffuse(0.7)}
     part = (np.arange(200) + 0.5) / 200
@@ -74,7 +74,7 @@ def test_shapes_of_very_different_areas():
         np.tile([0.0, 0, -1], (len(r), 1)),
         np.full(len(r), np.pi * 0.02 / len(r)),
     )
-    nodes = plates[0].nodes() + plates[1].nodes() + nlos.sphere_nodes(centre, radius) + around
+    nodes = plates[0].nodes() + plates[1].nodes() + nlos.sphere_nodes(center, radius) + around
     for mode, lit in MODES.items():
         described = three_of(mode, shapes | {"ball": ball, "ellipse": ellipse})
         assert agree(found(described, 512), totals(nlos.Setup(), nodes, lit=lit), rounding=1e-3)
@@ -98,7 +98,7 @@ def mesh(plate: nlos.Rectangle, normal) -> mi.Mesh:
 @pytest.mark.statistical
 def test_mesh_with_other_normals():
     """Areas and densities use the triangles, materials use the vertex normals."""
-    tilt = facing(nlos.Rectangle.turned(PLATE.centre, 45, -100)).normal
+    tilt = facing(nlos.Rectangle.turned(PLATE.center, 45, -100)).normal
     assert 0.3 < tilt @ PLATE.normal < 0.9
     shape, nodes = mesh(PLATE, tilt), PLATE.nodes(100, 100)
     shading = np.broadcast_to(tilt, nodes.points.shape)

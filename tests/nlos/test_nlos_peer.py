@@ -7,7 +7,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.parts import grey
+from helpers.parts import gray
 from helpers.support import agree, film, over_seeds
 from oracles.nlos import Rectangle, Setup, estimates, load_nlos, relay_wall
 
@@ -21,7 +21,7 @@ def peers_scene(mode: str) -> dict:
     """Return a facing plate with laser and hidden-geometry sampling, without known errors."""
     plate = Rectangle((0.2, 0.1, 0.9), (-0.3, 0, 0), (0, 0.25, 0))
     to_world = mi.ScalarTransform4f().look_at(list(DEVICE), list(LIT), [0, 1, 0])
-    laser = {"type": "projector", "irradiance": grey(100.0), "fov": 0.2}
+    laser = {"type": "projector", "irradiance": gray(100.0), "fov": 0.2}
     window = film(2, 2, bins=40, start=1.7, bin_width=0.05)
     integrator = {"type": "transient_nlos_path", "account_first_and_last_bounces": False}
     integrator |= {"nlos_laser_sampling": True, "nlos_hidden_geometry_sampling": True}

@@ -11,7 +11,7 @@ import math
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.parts import diffuse, grey, plane, rotate, translate
+from helpers.parts import diffuse, gray, plane, rotate, translate
 from helpers.support import film
 from oracles.nlos import Grid, Rectangle, Setup, load_nlos, single, total
 
@@ -46,7 +46,7 @@ def test_single_capture(watts, intensity):
     setup = Setup(sensor=DEVICE, laser=LASER, legs=False)
     described = single(setup, {"hidden": PATCH.shape()}, LIT, window, **options)
     described["integrator"].pop("filter_bounces")
-    beam = {"intensity": grey(intensity), "cutoff_angle": 12.0, "beam_width": 6.0}
+    beam = {"intensity": gray(intensity), "cutoff_angle": 12.0, "beam_width": 6.0}
     described["laser"] = looking("spot", LASER, LIT, **beam)
     data = tofrender.capture(load_nlos(described), mode="single", spp=32, progress=False)
     one, three = bounces(data)
@@ -59,7 +59,7 @@ def test_single_capture(watts, intensity):
     lighting = three[::every, ::every].sum() / per_watt
 
     away = np.subtract(LASER, LIT)
-    by_default = intensity * away[2] / np.linalg.norm(away) ** 3  # on one square metre
+    by_default = intensity * away[2] / np.linalg.norm(away) ** 3  # on one square meter
     assert lighting == pytest.approx(by_default if watts is None else watts, rel=0.03)
     assert shown == pytest.approx(lighting, rel=0.03)
 
@@ -78,7 +78,7 @@ def test_confocal_capture(watts, fov):
     hidden = {"hidden": plane(back, size=3.0, bsdf=diffuse(HIDDEN))}
     described = single(setup, hidden, LIT, window, max_depth=3, **options)
     described["integrator"].pop("filter_bounces")
-    described["laser"] = looking("projector", place, (0, 0, 0), irradiance=grey(100.0), fov=fov)
+    described["laser"] = looking("projector", place, (0, 0, 0), irradiance=gray(100.0), fov=fov)
     data = tofrender.capture(load_nlos(described), mode="confocal", spp=4096, progress=False)
     one, three = bounces(data)
 

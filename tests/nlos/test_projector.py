@@ -52,7 +52,7 @@ PATTERNS = {
     "beside the axis": (WHERE[:1], [0.2], [1.0]),
     "several": (WHERE, [0.2, 0.1, 0.3], [1.0, 3.0, 0.5]),
 }
-COLOURED = [(0.3, 0.0), (-0.3, 0.0)], [0.2, 0.2], [(1.0, 0.5, 0.25), (0.0, 2.0, 1.0)]
+COLORED = [(0.3, 0.0), (-0.3, 0.0)], [0.2, 0.2], [(1.0, 0.5, 0.25), (0.0, 2.0, 1.0)]
 IN_WORDS = {"spot_positions": "0.5, -0.25  -0.6 0.1", "spot_sigmas": "0.2 0.1"}
 IN_WORDS |= {"spot_intensities": "1, 3"}
 GRID = {"grid_rows": 2, "grid_cols": 3, "grid_sigma": 0.05, "grid_intensity": 1.5}
@@ -61,7 +61,7 @@ ROWS = [(x, y) for y in (-0.5, 0.5) for x in (-2 / 3, 0, 2 / 3)]
 
 DIRECT = {name: (spots(*pattern), pattern) for name, pattern in PATTERNS.items()} | {
     "grid": (GRID, (ROWS, [0.05] * 6, [1.5] * 6)),
-    "colours": (spots(*COLOURED), COLOURED),
+    "colors": (spots(*COLORED), COLORED),
     "text": (IN_WORDS, (WHERE[:2], [0.2, 0.1], [1.0, 3.0])),
 }
 

@@ -243,8 +243,8 @@ def test_backprojection_is_its_formula(mode, weighting):
             legs += np.linalg.norm(sensor - capture["sensor_origin"].values)
             r = [np.linalg.norm(voxels - p, axis=-1) for p in (laser, sensor)]
             padded = np.pad(bins[0 if mode != "exhaustive" else i, j], 1)
-            centres = capture.attrs["start_opl"] + (np.arange(-1, 61) + 0.5) * 0.03
-            found = np.interp(r[0] + r[1] + legs, centres, padded, 0, 0)
+            bin_centers = capture.attrs["start_opl"] + (np.arange(-1, 61) + 0.5) * 0.03
+            found = np.interp(r[0] + r[1] + legs, bin_centers, padded, 0, 0)
             expected += found * (r[0] * r[1] if weighting == "r2" else 1)
     np.testing.assert_allclose(volume["intensity"], expected / count, rtol=1e-3, atol=2e-5)
 
@@ -427,10 +427,10 @@ def test_depth_error():
     assert (error.pixels, error.found, error.extra) == (2, 2 / 3, 1 / 3)
     np.testing.assert_allclose((error.median, error.mean, error.bias), (0.015, 0.015, -0.015))
     np.testing.assert_allclose(error.rms, 0.03 / 2**0.5)
-    labelled = depth_map(volume_of(values)).copy(data=[[0.1, 0.23, 0.2, np.nan]])
-    assert depth_error(volume_of(values), labelled.transpose()) == error
+    labeled = depth_map(volume_of(values)).copy(data=[[0.1, 0.23, 0.2, np.nan]])
+    assert depth_error(volume_of(values), labeled.transpose()) == error
     with pytest.raises(ValueError, match=r"truth: the axis x has other labels"):
-        depth_error(volume_of(values), labelled.assign_coords(x=labelled["x"] + 0.5))
+        depth_error(volume_of(values), labeled.assign_coords(x=labeled["x"] + 0.5))
     nothing = depth_error(volume_of(values), [[np.nan, np.nan, 0.2, np.nan]])
     assert np.isnan(nothing.median)
     assert nothing.pixels == 0

@@ -213,6 +213,6 @@ def test_bad_parameters_are_one_line(value):
         assert str(error.value).splitlines()[-1] == f"ValueError: {line}"
 
 
-def test_colours_out_of_range_are_refused():
+def test_colors_out_of_range_are_refused():
     with pytest.raises(RuntimeError, match=r"must be in the range \[0, 1\]"):
         mi.load_dict(described(reflectance=1.2))

@@ -17,16 +17,16 @@ TINTED = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.6, 
 HIDDEN = Rectangle.turned((0.1, 0.1, 0.7), 20, 240, half=(0.3, 0.3))
 
 
-def colour(describe, spp: int) -> np.ndarray:
+def color(describe, spp: int) -> np.ndarray:
     """Return the mean color of a picture in the active variant."""
     return rendered(load_nlos(describe()), spp=spp, seed=1)[0].mean(axis=(0, 1))
 
 
 def both(describe) -> tuple[np.ndarray, np.ndarray]:
     """Return red, green and blue of the spectral picture, and of the RGB picture."""
-    expected = colour(describe, 1 << 12)
+    expected = color(describe, 1 << 12)
     mi.set_variant(SPECTRAL)
-    return colour(describe, 1 << 14), expected
+    return color(describe, 1 << 14), expected
 
 
 @pytest.mark.parametrize(
@@ -73,18 +73,18 @@ def test_lasers_are_white(name):
 
 
 @pytest.mark.parametrize(
-    ("colours", "bounces"),
+    ("colors", "bounces"),
     [
         pytest.param([(1.0, 1.0, 1.0), (3.0, 3.0, 3.0)], 3, id="white"),
-        pytest.param([(1.0, 0.5, 0.25), (0.1, 0.8, 0.4)], 1, id="coloured"),
+        pytest.param([(1.0, 0.5, 0.25), (0.1, 0.8, 0.4)], 1, id="colored"),
         pytest.param([(0.0, 2.0, 0.0), (0.0, 1.0, 0.0)], 1, id="green"),
     ],
 )
-def test_a_projectors_spots(colours, bounces):
+def test_a_projectors_spots(colors, bounces):
     def pattern() -> dict:
         lamp = {"type": "confocal_projector", "fov": 0.8, "is_confocal": False}
         lamp["frame"] = mi.ScalarTransform4f().look_at(list(DEVICE), [0, 0, 0], [0, 1, 0])
-        values = {"positions": [(0.5, 0), (-0.5, 0)], "sigmas": [0.3, 0.2], "intensities": colours}
+        values = {"positions": [(0.5, 0), (-0.5, 0)], "sigmas": [0.3, 0.2], "intensities": colors}
         for key, value in values.items():
             lamp[f"spot_{key}"] = mi.TensorXf(np.array(value, np.float32))
         hidden = {"hidden": HIDDEN.shape()}

@@ -1,6 +1,6 @@
 """Closed forms of light in flight, in NumPy alone; each docstring holds its derivation.
 
-Lengths are in metres, radiances in W / (m² sr). Nothing here knows the renderer.
+Lengths are in meters, radiances in W / (m² sr). Nothing here knows the renderer.
 """
 
 import math
@@ -51,10 +51,10 @@ def angle_in_corner_rectangle(s, a, b) -> np.ndarray:
 
 
 def angle_in_rectangle(s, x_range, y_range) -> np.ndarray:
-    """The same for any rectangle around or beside the circle's centre: four signed corners.
+    """The same for any rectangle around or beside the circle's center: four signed corners.
 
     The rectangle's indicator is the sum over its corners (x, y) of ± those of the rectangles
-    between the centre and the corner, with the sign of x and y taken out.
+    between the center and the corner, with the sign of x and y taken out.
     """
     total = np.zeros_like(np.asarray(s, float))
     for sign_x, x in zip((-1, 1), x_range, strict=True):
@@ -81,7 +81,7 @@ def rectangle_light_masses(edges, h, x_range, y_range, radiance, fine: int = 400
 
 
 def sphere_bounce_total(n, radius, albedo, intensity) -> float:
-    """Radiance of the n-th bounce in a diffuse sphere, light and camera at its centre.
+    """Radiance of the n-th bounce in a diffuse sphere, light and camera at its center.
 
     Direct light (n = 0) meets every point perpendicularly: E0 = I / R², L0 = ρ I / (π R²). In a
     sphere, the exchange between any two points is the same: cos cos / d² = 1 / (4 R²), so the
@@ -154,22 +154,22 @@ def gaussian_cdf(t, width) -> np.ndarray:
     return 0.5 + 0.5 * np.vectorize(math.erf)(scaled)
 
 
-def gaussian_masses(edges, centre, width) -> np.ndarray:
+def gaussian_masses(edges, center, width) -> np.ndarray:
     """Energy of a Gaussian pulse in bins: differences of its cdf."""
-    return np.diff(gaussian_cdf(np.asarray(edges) - centre, width))
+    return np.diff(gaussian_cdf(np.asarray(edges) - center, width))
 
 
 def enclosing_sphere(corner_low, corner_high) -> tuple[np.ndarray, float]:
-    """Centre and radius of the sphere through a box's corners."""
+    """Center and radius of the sphere through a box's corners."""
     low, high = np.asarray(corner_low, float), np.asarray(corner_high, float)
     return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
 
 
-def distant_length(p, to_light, centre, radius) -> float:
+def distant_length(p, to_light, center, radius) -> float:
     """Way from p towards a distant light, to the plane that touches the sphere on its far side.
 
-    Points of the plane q satisfy (q - centre) · w = radius for the unit vector w to the light; from
-    p along w it takes radius - (p - centre) · w.
+    Points of the plane q satisfy (q - center) · w = radius for the unit vector w to the light; from
+    p along w it takes radius - (p - center) · w.
     """
-    p, w, centre = (np.asarray(v, float) for v in (p, to_light, centre))
-    return radius - float(np.dot(p - centre, w))
+    p, w, center = (np.asarray(v, float) for v in (p, to_light, center))
+    return radius - float(np.dot(p - center, w))

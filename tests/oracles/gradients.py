@@ -6,7 +6,7 @@ quadrature nodes. The forms take complex θ, and `derived` differentiates them b
 f'(θ) = Im f(θ + ih) / h, which is exact to rounding. What is seen of the paths is linear in the
 light: bins of a film with a Gaussian pulse, a gate, a phasor, a correlation.
 
-Lengths are in metres, radiances in W / (m² sr). Nothing here knows the renderer.
+Lengths are in meters, radiances in W / (m² sr). Nothing here knows the renderer.
 """
 
 import math
@@ -71,7 +71,7 @@ class Bins:
         return self.start + self.width * np.arange(self.count + 1)
 
     @property
-    def centres(self) -> np.ndarray:
+    def centers(self) -> np.ndarray:
         return 0.5 * (self.edges[1:] + self.edges[:-1])
 
     def _ends(self, light: Arrived) -> tuple[np.ndarray, np.ndarray]:
@@ -262,7 +262,7 @@ def disk_light(h, radius: float, radiance: float, albedo, camera: float) -> tupl
 def inside_sphere(
     radius, albedo, intensity: float, bounces: int, order: int = 160
 ) -> tuple[Any, Any]:
-    """c: light and camera at the centre of a diffuse sphere; up to `bounces` beyond the first.
+    """c: light and camera at the center of a diffuse sphere; up to `bounces` beyond the first.
 
     Bounce n has ρ^(n+1) I / (π R²), after 2 R and n chords of 2 R c, where c has the density 2 c.
     """
@@ -281,9 +281,9 @@ def inside_sphere(
 def sphere_light(
     radius, distance: float, cosine: float, radiance: float, albedo: float, camera: float
 ) -> tuple[Any, Any]:
-    """g2: a sphere light, its centre at `distance` from a receiver and under the angle of `cosine`.
+    """g2: a sphere light, its center at `distance` from a receiver and under the angle of `cosine`.
 
-    A direction at the angle γ from the centre's meets it after D cos γ - sqrt(R² - D² sin² γ); the
+    A direction at the angle γ from the center's meets it after D cos γ - sqrt(R² - D² sin² γ); the
     mean over the azimuth of its cosine on the receiver is cos_n cos γ. With D sin γ = R sin a, the
     directions 2 π sin γ cos γ dγ are 2 π (R / D)² sin a cos a da.
     """
@@ -296,7 +296,7 @@ def sphere_light(
 
 
 def fresnel(sine: float, index):
-    """Unpolarised reflectance of glass for light in air at the sine of its angle."""
+    """Unpolarized reflectance of glass for light in air at the sine of its angle."""
     cos_i, cos_t = math.sqrt(1 - sine**2), np.sqrt(1 - (sine / index) ** 2)
     r_s = (cos_i - index * cos_t) / (cos_i + index * cos_t)
     r_p = (index * cos_i - cos_t) / (index * cos_i + cos_t)
@@ -323,7 +323,7 @@ def seen_in_mirror(z, air: float, cosine: float, light: float) -> tuple[Any, Any
 
 
 def hidden_patch(
-    moved, centre, half_u, half_v, lit, seen, legs: float, scale: float, order: int = 12
+    moved, center, half_u, half_v, lit, seen, legs: float, scale: float, order: int = 12
 ) -> tuple[Any, Any]:
     """f1: a diffuse patch that a point `lit` of a wall z = 0 lights and a point `seen` sees.
 
@@ -335,7 +335,7 @@ def hidden_patch(
     normal = np.cross(half_u, half_v)
     area = np.outer(w, w).ravel() * length(normal)
     normal = normal / length(normal)
-    q = np.asarray(centre) + np.outer(s, half_u) + np.outer(t, half_v) + moved
+    q = np.asarray(center) + np.outer(s, half_u) + np.outer(t, half_v) + moved
     light, opl = scale * area, legs
     for point in (lit, seen):
         away = np.asarray(point) - q

@@ -6,7 +6,7 @@ point (u, v) shows the floor's (u H, v H), at the distance H sqrt(1 + u² + v²)
 is the mean over the window of the floor's radiance ρ E / π.
 
 Light is a set of values that add up to the film's mean, each with its path length. Lengths are in
-metres. Nothing here knows the renderer.
+meters. Nothing here knows the renderer.
 """
 
 import math
@@ -43,7 +43,7 @@ class Light:
         return complex(self.value @ np.exp(2j * math.pi * frequency_hz / C * self.opl))
 
     def gate(self, target: float, width: float) -> float:
-        """Radiance per metre that a Gaussian pulse of this width has at a path length."""
+        """Radiance per meter that a Gaussian pulse of this width has at a path length."""
         scaled = (target - self.opl) / width
         return float(self.value @ np.exp(-0.5 * scaled**2)) / (width * math.sqrt(2 * math.pi))
 
@@ -109,7 +109,7 @@ def under_a_disk(view: View, radius: float, height: float, radiance: float, albe
 def under_a_ball(view: View, radius: float, height: float, radiance: float, albedo: float) -> Light:
     """E = π Le cos (R / D)² from a glowing ball around (0, 0, h), its distance D, cos = h / D.
 
-    Directions at the angle γ from its centre's make up a ring, whose mean cosine is cos γ h / D.
+    Directions at the angle γ from its center's make up a ring, whose mean cosine is cos γ h / D.
     Its part of E is 2 π Le (h / D) cos γ sin γ dγ: equal steps of sin² γ, up to R² / D², have equal
     parts. They meet the ball at D cos γ - sqrt(R² - D² sin² γ).
     """
@@ -121,28 +121,28 @@ def under_a_ball(view: View, radius: float, height: float, radiance: float, albe
     return Light(total / x.size, seen + d)
 
 
-def under_a_sky(view: View, radiance: float, albedo: float, centre, radius: float) -> Light:
+def under_a_sky(view: View, radiance: float, albedo: float, center, radius: float) -> Light:
     """E = π Le from a constant sky, whose light starts where it touches the sphere around all.
 
     Equal steps of cos² and of the azimuth have equal parts of E.
     """
     x, y, seen, a, b = view.points()
     cosine, φ = np.sqrt(a), 2 * math.pi * b
-    across = (x - centre[0]) * np.cos(φ) + (y - centre[1]) * np.sin(φ)
-    along = np.sqrt(1 - a) * across - centre[2] * cosine
+    across = (x - center[0]) * np.cos(φ) + (y - center[1]) * np.sin(φ)
+    along = np.sqrt(1 - a) * across - center[2] * cosine
     return Light.of(albedo * radiance / x.size, seen + radius - along)
 
 
-def under_a_sun(view: View, to_light, irradiance: float, albedo: float, centre, radius: float):
+def under_a_sun(view: View, to_light, irradiance: float, albedo: float, center, radius: float):
     """E cos from parallel light, which starts as a sky's does."""
     x, y, seen, _, _ = view.points()
-    along = (x - centre[0]) * to_light[0] + (y - centre[1]) * to_light[1] - centre[2] * to_light[2]
+    along = (x - center[0]) * to_light[0] + (y - center[1]) * to_light[1] - center[2] * to_light[2]
     radiance = albedo / math.pi * irradiance * to_light[2]
     return Light.of(radiance / x.size, seen + radius - along)
 
 
 def reflectance(cosine, index: float) -> np.ndarray:
-    """Fresnel's, mean of both polarisations, for light that arrives where the index is 1."""
+    """Fresnel's, mean of both polarizations, for light that arrives where the index is 1."""
     sine2 = (1 - np.asarray(cosine) ** 2) / index**2
     behind = np.sqrt(np.maximum(0, 1 - sine2))
     total = sine2 >= 1
@@ -226,10 +226,10 @@ def out_of_glass(
 def through_a_ball(
     index: float, radius: float, light: float, floor: float, intensity: float = 1.0
 ) -> Caustic:
-    """A ball of glass; from its centre, a point light is up by `light`, the floor down by `floor`.
+    """A ball of glass; from its center, a point light is up by `light`, the floor down by `floor`.
 
     In the plane of the ray: it leaves at t, meets the ball under the angle i, sin i = (light / R)
-    sin t, and is bent to b. Seen from the centre it then is at i - t from the axis. Its chord turns
+    sin t, and is bent to b. Seen from the center it then is at i - t from the axis. Its chord turns
     that by π - 2 b, and it leaves at i to the normal. Orders with reflections within are left out.
     """
     t, Ω = _angles(math.asin(radius / light), 12000)

@@ -14,7 +14,7 @@ STEP_S = 1e-4  # Time to either side for finite differences; parts move by 0.1 m
 class Surface:
     """A plane through `point`, or a sphere around it, that reflects or refracts."""
 
-    point: Any  # point of the plane, or centre of the sphere
+    point: Any  # point of the plane, or center of the sphere
     normal: Any = None  # normal of the plane; None for a sphere
     radius: float = 0.0  # radius of the sphere
     # index of refraction before and behind; None for a mirror
@@ -86,9 +86,9 @@ def rate(points, velocities, indices=None) -> float:
     return float(np.sum(n[:, None] * np.diff(v, axis=0) * d))
 
 
-def turned(x, axis, angle: float, centre=(0, 0, 0)) -> np.ndarray:
-    """Return a point after a rotation about an axis through a centre (Rodrigues)."""
-    k, centre = np.asarray(axis, float), np.asarray(centre, float)
-    k, r = k / np.linalg.norm(k), np.asarray(x, float) - centre
+def turned(x, axis, angle: float, center=(0, 0, 0)) -> np.ndarray:
+    """Return a point after a rotation about an axis through a center (Rodrigues)."""
+    k, center = np.asarray(axis, float), np.asarray(center, float)
+    k, r = k / np.linalg.norm(k), np.asarray(x, float) - center
     c, s = np.cos(angle), np.sin(angle)
-    return centre + r * c + np.cross(k, r) * s + k * (k @ r) * (1 - c)
+    return center + r * c + np.cross(k, r) * s + k * (k @ r) * (1 - c)

@@ -20,7 +20,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from helpers.parts import diffuse, grey, unit
+from helpers.parts import diffuse, gray, unit
 from helpers.support import film
 from numpy.polynomial.legendre import leggauss
 
@@ -42,9 +42,9 @@ class Nodes:
 
 @dataclass
 class Rectangle:
-    """A rectangle `centre` ± `u` ± `v` whose front is towards u x v."""
+    """A rectangle `center` ± `u` ± `v` whose front is towards u x v."""
 
-    centre: Any
+    center: Any
     u: Any
     v: Any
     albedo: float = 0.7
@@ -58,20 +58,20 @@ class Rectangle:
         return float(4 * np.linalg.norm(np.cross(self.u, self.v)))
 
     @classmethod
-    def turned(cls, centre, tilt: float, azimuth: float, half=(0.1, 0.1), **more) -> Rectangle:
+    def turned(cls, center, tilt: float, azimuth: float, half=(0.1, 0.1), **more) -> Rectangle:
         """Facing -z, then turned by `tilt` degrees away from it, towards `azimuth`."""
         t, a = math.radians(tilt), math.radians(azimuth)
         u = np.array([math.cos(a), math.sin(a), 0])
         v = np.array([math.sin(a), -math.cos(a), 0])  # u x v is -z
         u = math.cos(t) * u + math.sin(t) * np.array([0, 0, 1])
-        return cls(centre, half[0] * u, half[1] * v, **more)
+        return cls(center, half[0] * u, half[1] * v, **more)
 
     def flipped(self) -> Rectangle:
-        return Rectangle(self.centre, self.u, -np.asarray(self.v), self.albedo)
+        return Rectangle(self.center, self.u, -np.asarray(self.v), self.albedo)
 
     def matrix(self) -> np.ndarray:
         result = np.eye(4)
-        columns = (self.u, self.v, self.normal, self.centre)
+        columns = (self.u, self.v, self.normal, self.center)
         result[:3] = np.stack([np.asarray(c, float) for c in columns], axis=1)
         return result
 
@@ -85,12 +85,12 @@ class Rectangle:
         """Midpoints of equal cells."""
         s, t = ((2 * np.arange(n) + 1) / n - 1 for n in (across, along))
         s, t = (a.ravel() for a in np.meshgrid(s, t))
-        points = np.asarray(self.centre) + np.outer(s, self.u) + np.outer(t, self.v)
+        points = np.asarray(self.center) + np.outer(s, self.u) + np.outer(t, self.v)
         areas = np.full(len(points), self.area / len(points))
         return Nodes(points, np.broadcast_to(self.normal, points.shape), areas)
 
 
-def sphere_nodes(centre, radius: float, order: int = 200) -> Nodes:
+def sphere_nodes(center, radius: float, order: int = 200) -> Nodes:
     """The whole sphere: Gauss in z, even in angle."""
     z, w = leggauss(order)
     phi = 2 * np.pi * (np.arange(order) + 0.5) / order
@@ -99,7 +99,7 @@ def sphere_nodes(centre, radius: float, order: int = 200) -> Nodes:
         [np.outer(sin, np.cos(phi)), np.outer(sin, np.sin(phi)), np.outer(z, np.ones(order))], -1
     ).reshape(-1, 3)
     areas = np.repeat(w, order) * 2 * np.pi * radius**2 / order
-    return Nodes(np.asarray(centre) + radius * normals, normals, areas)
+    return Nodes(np.asarray(center) + radius * normals, normals, areas)
 
 
 @dataclass
@@ -161,10 +161,10 @@ def plane_masses(edges, setup: Setup, albedo: float, distance: float) -> np.ndar
     return -np.diff(scale * distance**4 / r**6)
 
 
-def sphere_masses(edges, setup: Setup, albedo: float, point, centre, radius: float) -> np.ndarray:
+def sphere_masses(edges, setup: Setup, albedo: float, point, center, radius: float) -> np.ndarray:
     """Light of a sphere in bins of r; confocal, the sphere all in front of the wall.
 
-    Let D be the distance of the centre c from the wall's point p. Points of the sphere at the
+    Let D be the distance of the center c from the wall's point p. Points of the sphere at the
     distance r from p make a circle around the axis p c, at the angle a from it as seen from c, with
     r² = D² + R² - 2 D R cos a, so that r dr = D R sin a da and its area is 2 π R² sin a da =
     2 π R r dr / D. There (law of cosines) D² = R² + r² + 2 R r cos_h, which is positive up to
@@ -173,7 +173,7 @@ def sphere_masses(edges, setup: Setup, albedo: float, point, centre, radius: flo
     sin β sin γ cos φ around the circle, whose square has the mean cos² β cos² γ +
     sin² β sin² γ / 2. So dL/dr = Φ ρ_w² ρ_h / π³ 2 π R / D <cos_w²> cos_h² / r³.
     """
-    axis = np.subtract(centre, point)
+    axis = np.subtract(center, point)
     distance = float(np.linalg.norm(axis))
     cos_b = float(np.dot(axis, setup.normal)) / distance
     x, w = leggauss(40)
@@ -238,18 +238,18 @@ class Groove:
         normal = np.asarray(setup.normal)
         for first, second in (self.faces(), self.faces()[::-1]):
             s, t = rng.uniform(-1, 1, (2, count))
-            q1 = np.asarray(first.centre) + np.outer(s, first.u) + np.outer(t, first.v)
+            q1 = np.asarray(first.center) + np.outer(s, first.u) + np.outer(t, first.v)
             radius, angle = np.sqrt(rng.uniform(size=count)), rng.uniform(0, 2 * np.pi, count)
             basis = unit(first.u), unit(first.v), first.normal
             local = radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - radius**2)
             d = sum(np.outer(a, b) for a, b in zip(local, basis, strict=True))
             along = d @ second.normal
-            distance = (np.asarray(second.centre) - q1) @ second.normal / along
+            distance = (np.asarray(second.center) - q1) @ second.normal / along
             q2 = q1 + distance[:, None] * d
             hits = (distance > 0) & (along < 0)
             for axis in (second.u, second.v):
                 square = np.dot(axis, axis)
-                hits &= np.abs((q2 - np.asarray(second.centre)) @ np.asarray(axis)) < square
+                hits &= np.abs((q2 - np.asarray(second.center)) @ np.asarray(axis)) < square
             r1, r2 = np.linalg.norm(q1, axis=1), np.linalg.norm(q2, axis=1)
             ends = (q1 @ normal) * -(q1 @ first.normal) / r1**4
             ends *= (q2 @ normal) * -(q2 @ second.normal) / r2**4
@@ -288,7 +288,7 @@ def spot(origin, target, intensity: float = 1.0, angle: float = 5.0) -> dict:
     up = [0, 1, 0] if np.any(np.subtract(target, origin)[[0, 2]]) else [1, 0, 0]
     to_world = mi.ScalarTransform4f().look_at(list(origin), list(target), up)
     angles = {"cutoff_angle": angle, "beam_width": 0.8 * angle}
-    return {"type": "spot", "intensity": grey(intensity), "to_world": to_world} | angles
+    return {"type": "spot", "intensity": gray(intensity), "to_world": to_world} | angles
 
 
 def single(setup: Setup, hidden: dict, lit, the_film: dict | None = None, **options: Any) -> dict:

@@ -1,4 +1,4 @@
-"""A scene whose bins are known, and by how many paths: a diffuse sphere, all in its centre."""
+"""A scene whose bins are known, and by how many paths: a diffuse sphere, all in its center."""
 
 import numpy as np
 from helpers.parts import diffuse, point_light
@@ -11,7 +11,7 @@ BINS, START, WIDTH = 32, 1.9, 0.2
 
 
 def sphere(pixels: int = 16) -> dict:
-    """Light and camera at its centre. Each bounce of a path adds the same, whatever its way."""
+    """Light and camera at its center. Each bounce of a path adds the same, whatever its way."""
     ball = {"type": "sphere", "radius": RADIUS, "flip_normals": True, "bsdf": diffuse(ALBEDO)}
     return scene(
         {"ball": ball, "light": point_light((0, 0, 0), INTENSITY)},

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from helpers.light_paths import GLASS, MIRROR, ball, facing_down, spot
 from helpers.mistakes import gives_other, of_other
-from helpers.parts import area_light, diffuse, grey, plane, point_light, rotate, translate, unit
+from helpers.parts import area_light, diffuse, gray, plane, point_light, rotate, translate, unit
 from helpers.scenes import numbers
 from helpers.support import camera, film, load, scene
 from oracles.light_paths import window_area
@@ -37,7 +37,7 @@ ROUNDING = 1e-5  # What single precision may make of a share; it makes 5e-7
 
 EYE, TARGET, FOV = (0.3, -2.6, 1.2), (0, 0, 0.7), 50.0
 VIEWS = {
-    "off centre": {"principal_point_offset_x": 0.2, "principal_point_offset_y": -0.1},
+    "off center": {"principal_point_offset_x": 0.2, "principal_point_offset_y": -0.1},
     "thin lens": {"kind": "thinlens", "aperture_radius": 0.15, "focus_distance": 2.5},
 }
 BALLS = (-0.5, 0.4, 0.3), (0.4, 0.3, 0.3), (0.0, -0.2, 0.3)
@@ -49,8 +49,8 @@ def lights() -> dict:
     return {
         "globe": ball((-0.3, -0.3, 1.2), 0.2, emitter=area_light(3.0)),
         "spot": spot((0.6, -0.6, 1.8), (0, 0, 0.4), 30, 35, 5.0),
-        "sun": {"type": "directional", "direction": [0.2, 0.6, -0.7], "irradiance": grey(1.0)},
-        "sky": {"type": "constant", "radiance": grey(0.5)},
+        "sun": {"type": "directional", "direction": [0.2, 0.6, -0.7], "irradiance": gray(1.0)},
+        "sky": {"type": "constant", "radiance": gray(0.5)},
     }
 
 
@@ -117,7 +117,7 @@ def are_plain(it: Case) -> bool:
 
 
 def test_shares_in_a_plain_room():
-    it = found("off centre", 2, True, plain=True)
+    it = found("off center", 2, True, plain=True)
     assert sum_to_1(it)
     assert are_plain(it)
 
@@ -216,7 +216,7 @@ def test_light_of_many_lamps_starts_beside_instances():
 @pytest.mark.parametrize("importance", [False, True])
 def test_choices_have_the_densities_that_connections_have(importance):
     """Both ways; paths that are walked again rest on it."""
-    loaded = load(room("off centre"))
+    loaded = load(room("off center"))
     materials = Materials(loaded, importance=importance, both_ways=True)
     sampler = numbers(0, LANES)
     d = mi.warp.square_to_uniform_sphere(sampler.next_2d())
@@ -314,7 +314,7 @@ IN_ALL_ALIKE = {
 @pytest.mark.parametrize(("owner", "name", "mistake"), MISTAKES.values(), ids=MISTAKES)
 def test_a_wrong_share_is_found(owner, name, mistake, monkeypatch):
     monkeypatch.setattr(owner, name, mistake(getattr(owner, name)))
-    it = found("off centre", 2, True, plain=True)
+    it = found("off center", 2, True, plain=True)
     assert not sum_to_1(it)
     assert not are_plain(it)
 
@@ -323,6 +323,6 @@ def test_a_wrong_share_is_found(owner, name, mistake, monkeypatch):
 def test_a_wrong_density_of_the_lens_is_found(mistake, monkeypatch):
     """All strategies take the same, so that shares still sum to 1: the definition tells."""
     monkeypatch.setattr(Lens, "density", IN_ALL_ALIKE[mistake](Lens.density))
-    it = found("off centre", 2, True, plain=True)
+    it = found("off center", 2, True, plain=True)
     assert sum_to_1(it)
     assert not are_plain(it)

@@ -1,4 +1,4 @@
-"""Path lengths to a tenth of a millimetre: near clip, ray epsilon, glass, far scenes.
+"""Path lengths to a tenth of a millimeter: near clip, ray epsilon, glass, far scenes.
 
 Single paths, compared one by one with the geometry of their own ray in double precision. Single
 precision itself leaves 2e-7 of a length: 1 µm at 4 m, 20 µm at 100 m.
@@ -146,7 +146,7 @@ def test_a_distant_sensor_with_a_target_needs_the_scene():
 def test_between_parallel_mirrors(gap, tolerance, bounces):
     """Unfolded, the ray is straight: `bounces` gaps across at an angle, to a lamp across its way.
 
-    Spawned rays start 0.09 mm per metre off the mirrors. `si.t` would lose that at each bounce;
+    Spawned rays start 0.09 mm per meter off the mirrors. `si.t` would lose that at each bounce;
     here it moves the vertices a little sideways, which a lamp across the ray does not show.
     """
     angle = np.radians(30)
@@ -172,7 +172,7 @@ def test_between_parallel_mirrors(gap, tolerance, bounces):
 def test_between_diffuse_walls(scale):
     """Chords of a diffuse sphere are point to point: after n bounces, OPL stays within its bounds.
 
-    Light and camera sit at the centre. Two bounces of a chord r arrive at 2 R + r, and the energy
+    Light and camera sit at the center. Two bounces of a chord r arrive at 2 R + r, and the energy
     does not tell r; but the next path's first bounce arrives at 2 R exactly, and the k-th bounce's
     OPL differs from the one before by one chord, between 0 and 2 R.
     """

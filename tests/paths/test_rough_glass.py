@@ -8,7 +8,7 @@ import re
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.parts import area_light, diffuse, grey, plane, point_light, translate
+from helpers.parts import area_light, diffuse, gray, plane, point_light, translate
 from helpers.scenes import refusal
 from helpers.support import (
     agree,
@@ -78,12 +78,12 @@ CASES = {
     "blend, little glass": face(blend(diffuse(0.5), glass(), 0.05)),
     "blend of one index": face(blend(glass(0.2), glass(0.5), 0.3)),
     "mask in blend": face(blend(mask(glass(), 0.3), diffuse(0.5), 0.7)),
-    "metallic": face(principled(0.4, metallic=0.4, base_color=grey(0.6))),
-    "clearcoat": face(principled(0.1, clearcoat=0.8, base_color=grey(0.6))),
+    "metallic": face(principled(0.4, metallic=0.4, base_color=gray(0.6))),
+    "clearcoat": face(principled(0.1, clearcoat=0.8, base_color=gray(0.6))),
     "mask in bump map": face(bumps(mask(glass(), 0.5))),
     "blend in normal map": face(normals(blend(glass(), diffuse(0.5), 0.6))),
     "instance": instance(glass()),
-    "instance of a mixture": instance(principled(0.4, base_color=grey(0.6))),
+    "instance of a mixture": instance(principled(0.4, base_color=gray(0.6))),
 }
 """Faces of which most look like no glass from outside."""
 

@@ -125,7 +125,7 @@ KEY_NUMBERS = {
         assert float(light.sel(strategy="4,1")) > 0, light
         assert abs(float(shares.sum()) - 1) < 1e-5, shares
     """,
-    "07_fog_and_polarisation": """
+    "07_fog_and_polarization": """
         assert in_gap["clear"] < 0.005 and in_gap["fog"] > 0.05, in_gap
         assert len(moments) == 12
         for found, exact, error in moments:
@@ -144,10 +144,10 @@ KEY_NUMBERS = {
         assert first_degree > 0.93 and sign_degree < 0.2, degrees
         for plate, vectors in by_plate.values():
             assert abs(plate / vectors - 1) < 0.15, by_plate
-        plain, crossed = (seen["steady"][key] for key in ("no analyser", "crossed"))
+        plain, crossed = (seen["steady"][key] for key in ("no analyzer", "crossed"))
         assert plain < 0.15 and crossed > 0.45, seen
         gate_row = seen["gate 8.0 to 8.2 m"]
-        assert gate_row["crossed"] > max(0.95, gate_row["no analyser"]), seen
+        assert gate_row["crossed"] > max(0.95, gate_row["no analyzer"]), seen
         assert dense[0.05][1] > 0.85 and dense[0.5][1] < 0.3, dense
         assert all(steady < 0.4 < timed for steady, _, timed in dense.values()), dense
     """,

@@ -21,7 +21,7 @@ QUESTIONS = {
     "Does it use my GPU?": ("install", "Linux with an NVIDIA GPU"),
     "Which Python do I need?": ("versions", r"3\.11, 3\.12, 3\.13"),
     "How do I cite it?": ("cite", "@software"),
-    "May I use it at work?": ("licence", "BSD-3-Clause"),
+    "May I use it at work?": ("license", "BSD-3-Clause"),
     "Why is there no light?": ("faq", "no light in my window"),
     "How do I compare two renders?": ("faq", "compare two renders"),
     "What is light_samples?": ("faq", "What does `light_samples` do"),

@@ -132,7 +132,7 @@ def test_formulas_against_known_numbers():
     assert light.sum() == pytest.approx(0.016115306, rel=1e-5)
     assert (opl * light).sum() / light.sum() == pytest.approx(5.1765880, rel=1e-5)
     assert forms.slab(1.5, 1.0, 0.3, 40.0)[1][:2] == pytest.approx([0.91161175, 0.0026345074])
-    assert forms.slab_unpolarised(1.5, 40.0)[:2] == pytest.approx([0.91062428, 0.0019046309])
+    assert forms.slab_unpolarized(1.5, 40.0)[:2] == pytest.approx([0.91062428, 0.0019046309])
     assert forms.half_space(0.9, 1.0) == pytest.approx(0.41495, abs=1e-5)
     assert forms.half_space(0.9, 0.6) == pytest.approx(0.48585, abs=1e-5)
     assert BY_NAME["fog-isotropic"].expected.sum() == pytest.approx(0.03865337, rel=1e-5)

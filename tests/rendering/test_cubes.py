@@ -217,9 +217,9 @@ def test_unwarping_needs_room_for_its_result_alone(monkeypatch):
 def capture(mode: str, legs: bool = False):
     options = {"lasers": 2} if mode == "exhaustive" else {}
     made = capture_of(letter_z(), Wall(8), mode, bins=40, width=0.06, legs=legs, **options)
-    colours = made["transient"].values * np.float32([0.3, 1, 0.5])
+    colors = made["transient"].values * np.float32([0.3, 1, 0.5])
     dims = made["transient"].dims
-    made = made.drop_vars(["transient", "channel"]).assign(transient=(dims, colours))
+    made = made.drop_vars(["transient", "channel"]).assign(transient=(dims, colors))
     return made.assign_coords(channel=["R", "G", "B"])
 
 

@@ -93,7 +93,7 @@ def test_files_keep_what_denoise_needs(found, tmp_path):
         denoise(loaded)
 
 
-def test_polarised_components_are_kept(tmp_path):
+def test_polarized_components_are_kept(tmp_path):
     mi.set_variant("llvm_ad_spectral_polarized")
     found = render("brewster_window", size=(8, 6), spp=16, denoise=True)
     assert found["half_difference"].dims == found["transient"].dims

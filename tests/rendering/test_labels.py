@@ -1,4 +1,4 @@
-"""Units, names and time: every Dataset of the package, in memory and from files, is labelled."""
+"""Units, names and time: every Dataset of the package, in memory and from files, is labeled."""
 
 import functools
 from pathlib import Path
@@ -155,5 +155,5 @@ def test_xarray_labels_its_plots():
 
 def test_what_no_one_knows_has_no_label():
     assert labels.labels_of("something", {}) == {}
-    name, unit = "radiance per metre", {"units": "W m^-3 sr^-1"}
+    name, unit = "radiance per meter", {"units": "W m^-3 sr^-1"}
     assert labels.labels_of("transient", unit | {"quantity": name}) == unit | {"long_name": name}

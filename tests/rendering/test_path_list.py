@@ -3,7 +3,7 @@
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.parts import diffuse, grey, plane
+from helpers.parts import diffuse, gray, plane
 from helpers.refusals import refused
 from helpers.support import ALPHA, COMPARISONS, camera, film
 from scipy.stats import norm
@@ -23,7 +23,7 @@ def floor_and_point(**integrator):
             "integrator": {"type": "transient_path", "max_depth": 2} | integrator,
             "sensor": camera((0, 0, HEIGHT), (0, 0, 0), film(3, 3), fov=1),
             "floor": plane(bsdf=diffuse(ALBEDO)),
-            "bulb": {"type": "point", "position": LAMP, "intensity": grey(INTENSITY)},
+            "bulb": {"type": "point", "position": LAMP, "intensity": gray(INTENSITY)},
         }
     )
 
@@ -115,12 +115,12 @@ def test_points_of_media_are_vertices():
             "integrator": {"type": "transient_path", "max_depth": 3},
             "sensor": camera((0, 0, HEIGHT), (0, 0, 0), film(1, 1), fov=1),
             "floor": plane(bsdf=diffuse(ALBEDO)),
-            "bulb": {"type": "point", "position": LAMP, "intensity": grey(INTENSITY)},
+            "bulb": {"type": "point", "position": LAMP, "intensity": gray(INTENSITY)},
             "fog": {
                 "type": "cube",
                 "to_world": mi.ScalarTransform4f().translate([0, 0, 0.8]).scale([9, 9, 0.5]),
                 "bsdf": {"type": "null"},
-                "interior": {"type": "homogeneous", "albedo": grey(0.9), "sigma_t": 0.5},
+                "interior": {"type": "homogeneous", "albedo": gray(0.9), "sigma_t": 0.5},
             },
         }
     )
@@ -140,7 +140,7 @@ def test_light_from_infinity_ends_where_its_length_starts(max_depth):
             "integrator": {"type": "transient_path", "max_depth": max_depth},
             "sensor": camera((0, 0, 2), (0, 0, 5 if max_depth == 1 else 0), film(1, 1), fov=1),
             "floor": plane(bsdf=diffuse(ALBEDO)),
-            "sky": {"type": "constant", "radiance": grey(1.0)},
+            "sky": {"type": "constant", "radiance": gray(1.0)},
         }
     )
     paths = paths_of(scene, (0, 0), count=20, spp=64)

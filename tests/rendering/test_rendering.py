@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.films_in_parts import watch_steps
-from helpers.parts import area_light, grey, plane, point_light, translate
+from helpers.parts import area_light, gray, plane, point_light, translate
 from helpers.refusals import refused
 from helpers.support import camera, film, scene, with_film, with_integrator, with_sampler
 
@@ -38,8 +38,8 @@ SUN = {"type": "directional", "direction": [0.2, -0.3, -0.9]}
 CHANGES = {
     "plain": lambda described: described,
     "pulse": lambda described: with_integrator(described, pulse_width_opl=0.2),
-    "sky": lambda described: described | {"sky": {"type": "constant", "radiance": grey(0.5)}},
-    "sun": lambda described: described | {"light": SUN | {"irradiance": grey(3)}},
+    "sky": lambda described: described | {"sky": {"type": "constant", "radiance": gray(0.5)}},
+    "sun": lambda described: described | {"light": SUN | {"irradiance": gray(3)}},
 }
 
 
@@ -68,7 +68,7 @@ def no_work(monkeypatch):
 @pytest.mark.parametrize(
     ("variant", "channels"), [("llvm_ad_rgb", [*"RGB"]), ("llvm_ad_mono", ["L"])]
 )
-def test_dataset_is_labelled(variant, channels):
+def test_dataset_is_labeled(variant, channels):
     mi.set_variant(variant)
     described = with_film(
         box(16), width=12, crop_width=5, crop_height=3, crop_offset_x=4, crop_offset_y=7
@@ -272,7 +272,7 @@ def test_windows_far_away(distance):
 
 @pytest.mark.usefixtures("no_work")
 def test_bins_that_lengths_are_too_coarse_for(monkeypatch):
-    """Half of the millimetres after 10 km are no lengths in single precision."""
+    """Half of the millimeters after 10 km are no lengths in single precision."""
     far = with_film(box(), start_opl=9999.0, bin_width_opl=0.001, temporal_bins=1000)
     gate = mi.load_dict({"type": "time_gated_transient_path", "pulse_width_opl": 0.001})
     loaded = mi.load_dict(box())
@@ -399,7 +399,7 @@ def test_a_pulse_that_was_set_is_used():
 
 
 _INTEGER = "must be an integer from"
-_METRES = "must be a finite number of metres"
+_METERS = "must be a finite number of meters"
 _BAD = [
     ("spp", 1 << 25, f"{_INTEGER} 1 to 16777216"),
     ("seed", 1 << 32, f"{_INTEGER} 0 to 4294967295"),
@@ -408,10 +408,10 @@ _BAD = [
     ("sampler", "padded-sobol", "did you mean 'padded_sobol'"),
     ("integrator", "path", "must be one of transient_path"),
     ("integrator", "transient_paht", "did you mean 'transient_path'"),
-    ("window", 5, "must be 'auto' or (start, stop) in metres"),
+    ("window", 5, "must be 'auto' or (start, stop) in meters"),
     ("window", (5.0, 3.0), "must end after it starts"),
-    *[("window", (3.0, v), f"window[1] = {v!r}: {_METRES}") for v in (np.inf, "a", True)],
-    ("window", (np.nan, 4.0), f"window[0] = nan: {_METRES}"),
+    *[("window", (3.0, v), f"window[1] = {v!r}: {_METERS}") for v in (np.inf, "a", True)],
+    ("window", (np.nan, 4.0), f"window[0] = nan: {_METERS}"),
 ]
 """Limits, and what may be meant; `tests/inputs` has more values of each."""
 

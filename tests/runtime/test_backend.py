@@ -218,7 +218,7 @@ def test_closed_form(variant):
     channels = 1 if "mono" in variant else 3
     assert transient.shape == (1, 1, 640, channels)
     assert np.flatnonzero(transient[0, 0, :, 0]).tolist() == [int(opl * 2**6)]
-    # Spectral variants draw wavelengths: grey has noise in its colour
+    # Spectral variants draw wavelengths: gray has noise in its color
     tolerance = 0.03 if "spectral" in variant else 1e-4
     assert transient[0, 0].sum(axis=0) == pytest.approx([radiance] * channels, rel=tolerance)
     assert steady[0, 0] == pytest.approx(transient[0, 0].sum(axis=0), rel=1e-4)

@@ -12,7 +12,7 @@ from tofrender.sampling import EnvironmentWarp, HierarchicalWarp, chi_square_tes
 from tofrender.sampling.histograms import pearson
 from tofrender.sampling.images import MAX_SIDE, read_image, resized
 from tofrender.sampling.statistics import smallest_allowed
-from tofrender.signals.colour import luminance
+from tofrender.signals.color import luminance
 
 BOUND = smallest_allowed(ALPHA, COMPARISONS)
 SIZE = {"samples": 100_000, "resolution": 32, "tests": COMPARISONS}
@@ -182,8 +182,8 @@ def test_resizing_keeps_the_mean_and_the_black(shape):
 def test_images_from_arrays_bitmaps_and_files(channels, tmp_path):
     rng = np.random.default_rng(3)
     image = rng.random((4, 4) if channels is None else (4, 4, channels)).astype(np.float32)
-    colours = image if channels is None else image[..., : 3 if channels > 2 else 1].squeeze()
-    weights = colours @ [0.212671, 0.715160, 0.072169] if colours.ndim == 3 else colours
+    colors = image if channels is None else image[..., : 3 if channels > 2 else 1].squeeze()
+    weights = colors @ [0.212671, 0.715160, 0.072169] if colors.ndim == 3 else colors
     formats = mi.Bitmap.PixelFormat
     names = {None: formats.Y, 1: formats.Y, 2: formats.YA, 3: formats.RGB, 4: formats.RGBA}
     bitmap = mi.Bitmap(image if channels else image[..., None], names[channels])

@@ -22,8 +22,8 @@ def cells(count: int) -> list[tuple[float, float, float, float]]:
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 16, 97, 1000, 4096])
 def test_one_point_in_each_cell(count):
     left, right, low, high = np.array(cells(count)).T
-    centres = to_numpy(grid(count), count)
-    assert centres == pytest.approx(np.array([left + right, low + high]) / 2, abs=1e-6)
+    centers = to_numpy(grid(count), count)
+    assert centers == pytest.approx(np.array([left + right, low + high]) / 2, abs=1e-6)
     for seed in (0, 5):
         x, y = to_numpy(stratified(count, seed), count)
         assert np.all((left - 1e-6 <= x) & (x <= right + 1e-6))

@@ -272,7 +272,7 @@ def test_directions_from_the_surface_of_a_sphere():
     assert result.passed, result
     assert result.valid == pytest.approx(0.5, abs=0.02)
     assert result.pdf_integral == pytest.approx(0.5, abs=2e-3)
-    # Half of the directions from a point a micrometre above: a cone of almost a hemisphere
+    # Half of the directions from a point a micrometer above: a cone of almost a hemisphere
     record = SPHERES["plain"].sample(point((0, 0, 2 - 1e-6), 1000), support.uniform(1000))
     assert np.array(record.pdf) == pytest.approx(1 / (2 * math.pi), rel=5e-3)
     assert np.array(record.distance).max() < 5e-3

@@ -99,9 +99,9 @@ def test_two_echoes_at_an_edge(edge):
 
 def test_a_mirror():
     """The echo has the squared reflectance, at the length of the whole way, along the axis."""
-    grey = {"type": "conductor", "material": "none"}
-    grey |= {"specular_reflectance": {"type": "rgb", "value": 0.8}}
-    mirror = wall((0, 0, 4), angle=225.0, size=1, bsdf={"type": "twosided", "bsdf": grey})
+    gray = {"type": "conductor", "material": "none"}
+    gray |= {"specular_reflectance": {"type": "rgb", "value": 0.8}}
+    mirror = wall((0, 0, 4), angle=225.0, size=1, bsdf={"type": "twosided", "bsdf": gray})
     target = wall((-6, 0, 4), angle=90.0, size=3)
     shots = shoot(scene={"mirror": mirror, "target": target})
     assert shots["true_range"].item() == pytest.approx(4)
@@ -120,7 +120,7 @@ def fresnel(degrees, index=1.5):
     return (s**2 + p**2) / 2
 
 
-GREY = {**MIRROR, "specular_reflectance": {"type": "rgb", "value": 0.7}}
+GRAY = {**MIRROR, "specular_reflectance": {"type": "rgb", "value": 0.7}}
 BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 PLASTIC = {"type": "plastic", "int_ior": 1.5, "ext_ior": 1.0}
 GLASS = {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0}
@@ -140,16 +140,16 @@ def blend(a, b, weight=0.4):
     ("floor", "turned", "reflectance"),
     [
         (two_sided(PLASTIC), 0, fresnel(80)),
-        (two_sided(blend(BLACK, GREY, 0.3)), 0, 0.3 * 0.7),
-        (two_sided(blend(GREY, DIFFUSE["bsdf"], 0.6)), 0, 0.4 * 0.7),
-        (two_sided(blend(GREY, PLASTIC, 0.6)), 0, 0.4 * 0.7 + 0.6 * fresnel(80)),
-        (two_sided(blend(GREY, PLASTIC, 0.6)), 180, 0.4 * 0.7 + 0.6 * fresnel(80)),
-        (two_sided(GREY, PLASTIC), 180, fresnel(80)),
-        (two_sided(blend(GREY, DARK), DARK), 180, 0.2),
-        (blend(GREY, DARK), 0, 0.6 * 0.7 + 0.4 * 0.2),
-        (blend(GREY, GLASS), 0, 0.6 * 0.7 + 0.4 * fresnel(80)),
-        (blend({"type": "null"}, GREY), 0, 0.4 * 0.7),
-        ({"type": "mask", "opacity": 0.6, "bsdf": GREY}, 0, 0.6 * 0.7),
+        (two_sided(blend(BLACK, GRAY, 0.3)), 0, 0.3 * 0.7),
+        (two_sided(blend(GRAY, DIFFUSE["bsdf"], 0.6)), 0, 0.4 * 0.7),
+        (two_sided(blend(GRAY, PLASTIC, 0.6)), 0, 0.4 * 0.7 + 0.6 * fresnel(80)),
+        (two_sided(blend(GRAY, PLASTIC, 0.6)), 180, 0.4 * 0.7 + 0.6 * fresnel(80)),
+        (two_sided(GRAY, PLASTIC), 180, fresnel(80)),
+        (two_sided(blend(GRAY, DARK), DARK), 180, 0.2),
+        (blend(GRAY, DARK), 0, 0.6 * 0.7 + 0.4 * 0.2),
+        (blend(GRAY, GLASS), 0, 0.6 * 0.7 + 0.4 * fresnel(80)),
+        (blend({"type": "null"}, GRAY), 0, 0.4 * 0.7),
+        ({"type": "mask", "opacity": 0.6, "bsdf": GRAY}, 0, 0.6 * 0.7),
     ],
     ids=[
         *("plastic", "black", "diffuse", "mirror_and_plastic", "behind", "plastic_behind"),
@@ -181,14 +181,14 @@ def test_under_water():
     assert distance(shots) == pytest.approx([a + n * b], rel=1e-4)
 
 
-CENTRE = np.array([0, 0, 5.0])
+CENTER = np.array([0, 0, 5.0])
 
 
 def reflected(d):
     """Return where a ray lands after reflection by a ball of radius 1, its direction and length."""
-    b = d @ CENTRE
-    t = b - math.sqrt(1 - CENTRE @ CENTRE + b**2)
-    n = t * d - CENTRE
+    b = d @ CENTER
+    t = b - math.sqrt(1 - CENTER @ CENTER + b**2)
+    n = t * d - CENTER
     out = d - 2 * (d @ n) * n
     s = (-3 - t * d[2]) / out[2]
     return t * d + s * out, out, t + s
@@ -196,15 +196,15 @@ def reflected(d):
 
 def refracted(d, index=1.5):
     """Return the same as `reflected`, for a path through a glass ball."""
-    b = d @ CENTRE
-    t = b - math.sqrt(1 - CENTRE @ CENTRE + b**2)
+    b = d @ CENTER
+    t = b - math.sqrt(1 - CENTER @ CENTER + b**2)
     p, η = t * d, 1 / index
-    n = p - CENTRE
+    n = p - CENTER
     c = -d @ n
     inside = η * d + (η * c - math.sqrt(1 - η**2 * (1 - c**2))) * n
     chord = 2 * (inside @ -n)
     q = p + chord * inside
-    m, cos = CENTRE - q, -inside @ (CENTRE - q)
+    m, cos = CENTER - q, -inside @ (CENTER - q)
     out = index * inside + (index * cos - math.sqrt(1 - index**2 * (1 - cos**2))) * m
     s = (8 - q[2]) / out[2]
     return q + s * out, out, t + index * chord + s
@@ -227,10 +227,10 @@ def test_a_ball_spreads_the_beam(way, bsdf, screen, depth):
     _, out, length = way(d)
     transmitted = 1.0
     if way is refracted:
-        cos = math.sqrt(1 - (np.linalg.norm(np.cross(d, CENTRE))) ** 2)
+        cos = math.sqrt(1 - (np.linalg.norm(np.cross(d, CENTER))) ** 2)
         transmitted = 1 - float(mi.fresnel(mi.Float(cos), mi.Float(1.5))[0][0])
     expected = transmitted**4 * RHO / math.pi * abs(out[2] / (np.cross(du, dv) @ out))
-    ball = {"type": "sphere", "center": CENTRE.tolist(), "radius": 1.0, "bsdf": bsdf}
+    ball = {"type": "sphere", "center": CENTER.tolist(), "radius": 1.0, "bsdf": bsdf}
     shots = shoot(
         ONE.assign(azimuth=("shot", [angle])),
         1 << 12,
@@ -280,7 +280,7 @@ def test_two_scatterings():
 
 
 def test_fog():
-    """Backscatter sigma_s exp(-2 sigma_t s) / (4 pi r^2) per metre, and a dimmed wall."""
+    """Backscatter sigma_s exp(-2 sigma_t s) / (4 pi r^2) per meter, and a dimmed wall."""
     medium = {"type": "homogeneous", "albedo": 0.5, "sigma_t": 0.1}
     pose = mi.ScalarTransform4f().translate([0, 0, 4]).scale([5, 5, 2])
     fog = {"type": "cube", "to_world": pose, "bsdf": {"type": "null"}, "interior": medium}
@@ -323,7 +323,7 @@ def test_background_and_detectors():
         (blend(PANE, BLACK), "transmits straight and has a smooth lobe"),
         ({"type": "mask", "opacity": 0.5, "bsdf": PLASTIC}, "transmits straight and has a smooth"),
         ({"type": "mask", "opacity": 0.5, "bsdf": PANE}, "is a mask over a pane"),
-        ({"type": "mask", "opacity": 0.5, "bsdf": blend(GREY, DARK)}, "or over a blend of mirrors"),
+        ({"type": "mask", "opacity": 0.5, "bsdf": blend(GRAY, DARK)}, "or over a blend of mirrors"),
     ],
     ids=["rough_glass", "net", "null", "pane", "plastic", "masked_pane", "masked_blend"],
 )

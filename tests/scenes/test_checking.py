@@ -1,4 +1,4 @@
-"""What a loaded scene must not have: media, polarisation, numbers that are none."""
+"""What a loaded scene must not have: media, polarization, numbers that are none."""
 
 import time
 from contextlib import nullcontext
@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.parts import area_light, diffuse, grey, point_light, translate
+from helpers.parts import area_light, diffuse, gray, point_light, translate
 from helpers.scenes import refusal as refused
 from helpers.support import camera, film, load, rendered, scene
 
@@ -38,7 +38,7 @@ def test_built_in_scenes_are_sound():
 def test_what_looks_odd_and_is_right():
     """Mirrored transforms, black, an open shutter, spectra whose coefficients are negative."""
     odd = {
-        "light": {"type": "point", "position": [-1, -1, -1], "intensity": grey(0.0)},
+        "light": {"type": "point", "position": [-1, -1, -1], "intensity": gray(0.0)},
         "ball": {"type": "sphere", "radius": 1e-4, "to_world": scaled(-1, 1, 1)},
         "dust": {"type": "rectangle", "to_world": scaled(1e-6, 1e-6, 1), "bsdf": diffuse(0)},
         "camera": {"type": "perspective", "shutter_open": 0.0, "shutter_close": 0.0},

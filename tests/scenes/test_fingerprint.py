@@ -75,8 +75,8 @@ def swap(one: str, other: str, *path: str) -> Callable[[dict, Path], None]:
 TEXTURE, FILM = ("e", "bsdf", "reflectance"), ("sensor", "film")
 EDITS: dict[str, Callable[[dict, Path], None]] = {
     "material of a shape": swap("a", "b", "bsdf"),
-    "colours of nameless shapes": swap("c", "d", "bsdf", "reflectance", "value"),
-    "colours of lamps": swap("p", "q", "intensity", "value"),
+    "colors of nameless shapes": swap("c", "d", "bsdf", "reflectance", "value"),
+    "colors of lamps": swap("p", "q", "intensity", "value"),
     "distribution": put("metal", "distribution", value="ggx"),
     "sample_visible": put("metal", "sample_visible", value=False),
     "nonlinear": put("plastic", "nonlinear", value=True),

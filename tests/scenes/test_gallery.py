@@ -72,25 +72,25 @@ def test_plans_are_drawn(name, tmp_path, monkeypatch):
     assert image.shape == (height, len(rows[0]) * width, 3)
     for k in range(len(rows[0])):
         part = image[:, k * width : (k + 1) * width]
-        assert (part.min(axis=-1) > 250).mean() > 0.5  # a drawing on white, in colours
+        assert (part.min(axis=-1) > 250).mean() > 0.5  # a drawing on white, in colors
         assert (np.ptp(part, axis=-1) > 40).mean() > 0.004
         # Nothing is cut off at the left and right, where the legend is widest
         assert (part[:, [0, 1, -2, -1]] > 250).all()
     with Image.open(gallery.FOLDER / f"{name}.png") as kept:
         assert kept.size == (len(rows[0]) * width, len(rows) * height)
         first = np.asarray(kept.convert("RGB")).astype(float)[:height]
-    assert np.abs(first - image).mean() < 3  # up to fonts and colours left
+    assert np.abs(first - image).mean() < 3  # up to fonts and colors left
 
 
 def test_labels_are_legible():
     dark = np.zeros((64, 128, 3), np.uint8)
-    found = gallery.labelled(dark, "nee")
+    found = gallery.labeled(dark, "nee")
     assert found.shape == dark.shape
     assert (found[-22:, :40] > 200).any()
     assert not found[:-22].any()
-    bright = gallery.labelled(dark + np.uint8(255), "nee")
+    bright = gallery.labeled(dark + np.uint8(255), "nee")
     assert (bright[-22:, :40] < 50).mean() > 0.3
-    assert gallery.labelled(dark, "") is dark
+    assert gallery.labeled(dark, "") is dark
 
 
 def test_other_names_are_one_line(tmp_path, monkeypatch, capsys):

@@ -32,7 +32,7 @@ def picture(scene: mi.Scene, spp: int, seed: int = 0) -> np.ndarray:
     return np.array(mi.render(scene, spp=spp, seed=seed), dtype=np.float64)
 
 
-def test_lights_of_veach_have_equal_power_and_distinct_colours():
+def test_lights_of_veach_have_equal_power_and_distinct_colors():
     scene = BUILT_IN["veach"]()
     lights = [scene[f"{name}-light"] for name in VEACH_LIGHTS]
     radii = [light["radius"] for light in lights]

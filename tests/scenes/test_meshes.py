@@ -31,7 +31,7 @@ def test_meshes_are_closed_and_smooth_and_stand_on_the_ground(
     assert set(faces.ravel()) == set(range(len(vertices)))
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     assert len(np.unique(edges, axis=0)) == len(edges)  # no directed edge twice ...
-    np.testing.assert_array_equal(  # ... and each one runs the other way in a neighbour
+    np.testing.assert_array_equal(  # ... and each one runs the other way in a neighbor
         np.unique(edges, axis=0), np.unique(edges[:, ::-1], axis=0)
     )
     assert len(vertices) - len(edges) // 2 + len(faces) == 2  # Euler: a sphere, without handles

@@ -26,7 +26,7 @@ def test_parts_that_move(name):
 
 
 def surfaces(scene: mi.Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Ids of the shapes at the pixels' centres, points, distances and velocities there."""
+    """Ids of the shapes at the pixels' centers, points, distances and velocities there."""
     rays = pixel_rays(scene, SIZE, SIZE)
     si = scene.ray_intersect(rays)
     index = np.array(dr.reinterpret_array(mi.UInt32, si.shape))

@@ -63,7 +63,7 @@ def test_wall_sees_every_hidden_shape(name):
     for points, normals in points_on(scene, "hidden"):
         facing = np.array(dr.dot(normals, mi.Point3f(spot) - points)) > 1e-3
         assert facing.any()
-        # the shape itself is in the way of its far side; its near side is lit but for neighbours
+        # the shape itself is in the way of its far side; its near side is lit but for neighbors
         lifted = points + 1e-3 * normals
         share = (sees(scene, spot, lifted) & facing).sum() / facing.sum()
         assert share > 0.2

@@ -183,7 +183,7 @@ def test_captures_of_rooms_are_told_the_wall(tmp_path):
 
 
 def letter(steps: int = 24) -> Nodes:
-    """The letter at z = 1, in small triangles' centres; it faces the wall."""
+    """The letter at z = 1, in small triangles' centers; it faces the wall."""
     vertices, faces = letter_z()
     k, j = (a.ravel() for a in np.meshgrid(np.arange(steps), np.arange(steps)))
     s, t = (np.concatenate([(x + 1 / 3) / steps, (x + 2 / 3) / steps]) for x in (k, j))
@@ -200,7 +200,7 @@ def letter(steps: int = 24) -> Nodes:
 @QUIET
 @pytest.mark.parametrize("size", [64, 9])
 def test_the_meter_puts_the_laser_where_it_says(size, tmp_path):
-    """Pixel (k, k) is a pixel's centre, and a half more its edge."""
+    """Pixel (k, k) is a pixel's center, and a half more its edge."""
     at = size // 2
     for shift in (0, 0.5):
         path = peer_scenes.nlos_z(tmp_path, size=size, lookat=at_pixel(at + shift, at - shift))

@@ -24,7 +24,7 @@ from tofrender.scenes import (
     cornell_box_steady_state,
     describe,
     fog,
-    polarised,
+    polarized,
 )
 from tofrender.scenes.light_transport import SPHERE_LIGHT_RADII
 from tofrender.scenes.packing import packed, unpacked
@@ -39,14 +39,14 @@ DENSEST = {
     "smoke_corridor": fog.MAX_SMOKE,
     "headlight_in_fog": fog.MAX_ROAD_FOG,
 }
-ANGLES = {"brewster_window": "polariser", "strained_mirror_corridor": "angle"}
+ANGLES = {"brewster_window": "polarizer", "strained_mirror_corridor": "angle"}
 SPEEDS = {
     "fan": {"angular_speed": -3.0},
     "corridor": {"speed": -2.0, "swing": 4.0},
     "moving_mirror": {"speed": -5.0},
 }
-FOG, POLARISED, MOVING = list(DENSEST), list(ANGLES), list(SPEEDS)
-WITH_INTEGRATOR = [*CAUSTICS, *FOG, *POLARISED, *MOVING]
+FOG, POLARIZED, MOVING = list(DENSEST), list(ANGLES), list(SPEEDS)
+WITH_INTEGRATOR = [*CAUSTICS, *FOG, *POLARIZED, *MOVING]
 BUSTS = ["bust_simple", "bust_ao"]
 RECTANGLES = ["rectangle_light_quad", "rectangle_light_triangles"]
 TRACED = ["veach", *(f"sphere_light_{size}" for size in SPHERE_LIGHT_RADII), *RECTANGLES]
@@ -58,7 +58,7 @@ FOLDERS = {
     "caustics": CAUSTICS,
     "fog": FOG,
     "nlos": [*NLOS, "nlos_behind_fog"],
-    "polarised": POLARISED,
+    "polarized": POLARIZED,
     "moving": MOVING,
 }
 FILES = {
@@ -92,7 +92,7 @@ def changes_of(name: str) -> dict:
         **({"start_opl": 1.5, "temporal_bins": 5} if in_time else {}),
         **({"integrator": "path_tracer_nee"} if name in WITH_INTEGRATOR else {}),
         **({"sigma_t": 0.4} if name in (*FOG, "nlos_behind_fog") else {}),
-        **({ANGLES[name]: 30.0} if name in POLARISED else {}),
+        **({ANGLES[name]: 30.0} if name in POLARIZED else {}),
         **({"spheres": "mirror_glass"} if name == "small_box" else {}),
         **SPEEDS.get(name, {}),
     }
@@ -163,7 +163,7 @@ def test_every_scene_is_described_in_its_file_too(name):
     ("name", "part", "texture", "data"),
     [
         ("smoke_corridor", "smoke", "sigma_t", fog.smoke_density),
-        ("strained_mirror_corridor", "strained", "delta", polarised.retardance_of_plastic),
+        ("strained_mirror_corridor", "strained", "delta", polarized.retardance_of_plastic),
     ],
 )
 def test_data_go_to_another_process(name, part, texture, data):
@@ -210,7 +210,7 @@ def test_changing_a_scene_changes_no_later_one(name):
 PLAIN = ["llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_spectral"]
 VARIANTS = [
     *((variant, [*FOLDERS["a1"], *WITH_INTEGRATOR]) for variant in PLAIN),
-    *((f"llvm_ad_{each}_polarized", POLARISED) for each in ("mono", "spectral")),
+    *((f"llvm_ad_{each}_polarized", POLARIZED) for each in ("mono", "spectral")),
 ]
 
 
@@ -289,7 +289,7 @@ def test_windows_end_when_most_light_has_come(name):
     assert light[0] > 0.85 * light.sum()
 
 
-@pytest.mark.parametrize("name", [*FOG, *POLARISED, *MOVING])
+@pytest.mark.parametrize("name", [*FOG, *POLARIZED, *MOVING])
 def test_windows_hold_the_light(name):
     """A warning would fail the test."""
     found = tofrender.render(BUILT_IN[name](width=32, height=32), spp=64, progress=False)
@@ -346,7 +346,7 @@ BAD = [
     ("veach", "integrator", "path_tracer_mist", r"did you mean 'path_tracer_mis'\?"),
     ("small_box", "spheres", "glas", "must be one of diffuse, mirror_"),
     *(
-        (name, parameter, 0.6, rf"{FINITE} of metres above 0 and at most {most}\Z")
+        (name, parameter, 0.6, rf"{FINITE} of meters above 0 and at most {most}\Z")
         for parameter, most, names in (
             ("lamp_radius", caustics.MAX_LAMP_RADIUS, GLASS),
             ("hole_width", caustics.MAX_HOLE_WIDTH, ["light_through_hole"]),
@@ -361,7 +361,7 @@ BAD = [
     *((name, s, 2e5, rf"{FINITE} of .*/s from") for name, of in SPEEDS.items() for s in of),
     ("corridor", "swing", -1.0, rf"{FINITE} of rad/s from 0 to 100000\Z"),
     ("nlos_z", "device", (0, 0, 0), "must be .* z above 0"),
-    ("nlos_z", "device", (0, 0), "must be 3 finite numbers of metres"),
+    ("nlos_z", "device", (0, 0), "must be 3 finite numbers of meters"),
     ("nlos_z", "target", (0, 2), "must be on the wall, from -1 to 1"),
     ("nlos_z", "target", "00", "must be 2 finite numbers"),
     ("nlos_z", "wall_reflectance", 1.1, f"{FINITE} from 0"),

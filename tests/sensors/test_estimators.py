@@ -67,7 +67,7 @@ def test_bound_of_a_gaussian():
     assert depth_bound(100.0, 0.0, GAUSS, fine) == pytest.approx(SIGMA / 20, rel=1e-3)
     ratio = depth_bound(1.0, 0.0, GAUSS, WIDTH) / (SIGMA / 2)
     assert ratio**2 == pytest.approx(1 + WIDTH**2 / (12 * SIGMA**2), rel=1e-3)
-    density = 1e6  # Counts per metre
+    density = 1e6  # Counts per meter
     information = 100.0**2 / (4 * np.sqrt(np.pi) * SIGMA**3 * density)
     found = depth_bound(100.0, density * fine, GAUSS, fine)
     assert found == pytest.approx(0.5 / np.sqrt(information), rel=2e-3)
@@ -338,7 +338,7 @@ def late_rates():
     return xr.Dataset(arrays, axis, attrs), (LATER + (at + 0.5) * WIDTH) / 2
 
 
-def test_labelled_counts_keep_their_time_axis():
+def test_labeled_counts_keep_their_time_axis():
     """Depths of counts, corrected rates, parts and records of data sets use their own time axis."""
     rates, depth = late_rates()
     jitter = Response(60e-12)
@@ -382,8 +382,8 @@ def test_time_axes_that_are_missing(function):
     refused("bin_width_opl = None", function, counts, GAUSS, start_opl=0.0)
     bare = xr.DataArray(counts, dims=("y", "x", "bin"))
     refused("needs a coordinate opl", function, bare, GAUSS)
-    labelled = bare.assign_coords(opl=("bin", np.arange(99) * WIDTH))
-    refused("must be None for labelled counts", function, labelled, GAUSS, start_opl=0.0)
+    labeled = bare.assign_coords(opl=("bin", np.arange(99) * WIDTH))
+    refused("must be None for labeled counts", function, labeled, GAUSS, start_opl=0.0)
     refused("one time axis", function, bare.rename(bin="time"), GAUSS)
     refused(
         "rates: expected a Dataset of expected_photons, found a DataArray",

@@ -220,7 +220,7 @@ def test_other_renders_are_refused():
     good = views(flash(3))
     for wrong, words in (
         (good.drop_vars("tan_x"), "render_poses"),
-        (good.assign_attrs(quantity="radiance per metre"), "radiance per bin"),
+        (good.assign_attrs(quantity="radiance per meter"), "radiance per bin"),
         (good.assign_attrs(pulse="GaussianPulse(width_opl=0.1)"), "without a pulse"),
         (good["transient"], "render_poses"),
         (good.isel(x=slice(0, 1)), "2 pixels"),

@@ -114,5 +114,5 @@ def test_bad_datasets():
     refused(
         "photons_per_cycle = 1: must be left out: no", expected_photons, dark, photons_per_cycle=1
     )
-    gated = make_dataset(quantity="radiance per metre")
-    refused("quantity = 'radiance per metre'", expected_photons, gated, photons_per_cycle=1)
+    gated = make_dataset(quantity="radiance per meter")
+    refused("quantity = 'radiance per meter'", expected_photons, gated, photons_per_cycle=1)

@@ -327,7 +327,7 @@ def test_memory_does_not_grow_with_cycles(monkeypatch):
 
 
 @pytest.mark.statistical
-def test_crosstalk_goes_to_neighbours():
+def test_crosstalk_goes_to_neighbors():
     rates = np.zeros((24, 24, 3))
     rates[1::4, 1::4, 1] = 0.5
     spad = Spad(mode="multi_hit", dead_time_s=BIN_S, crosstalk_probability=0.2)

@@ -68,7 +68,7 @@ def test_numbers_give_numbers(name):
 
 
 @pytest.mark.parametrize("name", MODULATIONS)
-def test_exact_at_100_metres(name):
+def test_exact_at_100_meters(name):
     modulation = MODULATIONS[name]
     opl = np.float32(np.random.default_rng(3).uniform(90, 100, 2000))
     exact = np.array([modulation.eval(float(each)) for each in opl])

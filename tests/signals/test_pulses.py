@@ -184,7 +184,7 @@ def test_convolution_of_bins():
 
 
 @pytest.mark.parametrize(
-    ("narrow", "centre"),
+    ("narrow", "center"),
     [
         (BoxPulse(1e-6), 0.0),
         (GaussianPulse(1e-7), 0.0),
@@ -193,14 +193,14 @@ def test_convolution_of_bins():
     ],
 )
 @pytest.mark.parametrize("order", [1, -1])
-def test_convolution_with_a_narrow_pulse_moves_nothing(narrow, centre, order):
+def test_convolution_with_a_narrow_pulse_moves_nothing(narrow, center, order):
     """Means add, also where one pulse lies within a step of the other's samples."""
     wide = SampledPulse([1.0, 2.0, 1.0], -0.5, 0.4)
     made = convolve(*(wide, narrow)[::order])
     step = made.bin_width_opl
-    centres = made.start_opl + (np.arange(made.density.size) + 0.5) * step
-    mean = (made.density * step * centres).sum()
-    assert mean == pytest.approx(0.1 + centre, abs=0.01 * step)
+    centers = made.start_opl + (np.arange(made.density.size) + 0.5) * step
+    mean = (made.density * step * centers).sum()
+    assert mean == pytest.approx(0.1 + center, abs=0.01 * step)
 
 
 @pytest.mark.parametrize(

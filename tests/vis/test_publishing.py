@@ -20,7 +20,7 @@ from PIL import Image
 import tofrender
 from tofrender import io, sampling, vis
 from tofrender.runtime.canvas import PALETTES
-from tofrender.vis.colours import hue_map, phase_map, time_map
+from tofrender.vis.colors import hue_map, phase_map, time_map
 
 COLUMN, PAGE = 3.4, 7.0
 
@@ -120,7 +120,7 @@ def written(figure: Figure, monkeypatch) -> list:
     def noted(self, renderer, *args, **kwargs):
         if self.get_visible() and self.get_text().strip():
             box = self.get_window_extent(renderer)
-            kept = {"text": self.get_text(), "box": box, "colour": self.get_color()}
+            kept = {"text": self.get_text(), "box": box, "color": self.get_color()}
             texts.append(SimpleNamespace(**kept, axes=self.axes))
         return draw(self, renderer, *args, **kwargs)
 
@@ -147,7 +147,7 @@ def test_text_is_whole_apart_and_readable(name, width, theme, monkeypatch):
     for each in texts:
         assert np.all(each.box.min > -1), each
         assert np.all(each.box.max < figure.bbox.max + 1), each
-        assert contrast(each.colour, figure.get_facecolor()) >= 4.5, each
+        assert contrast(each.color, figure.get_facecolor()) >= 4.5, each
     for one, other in itertools.combinations(texts, 2):
         assert apart(one.box, other.box), (one, other)
     for each, axes in itertools.product(texts, figure.axes):
@@ -214,24 +214,24 @@ def test_a_gate_has_time_and_scale():
     figure = vis.gate_figure(np.full((4, 5), 2.0), 2.99792458, 0.0299792458, exposure=0.25)
     picture, bar = figure.axes
     assert picture.get_title() == "t = 10.00 ± 0.10 ns, OPL = 2.998 ± 0.030 m"
-    assert bar.get_ylabel() == "radiance per metre [W m⁻³ sr⁻¹]"
+    assert bar.get_ylabel() == "radiance per meter [W m⁻³ sr⁻¹]"
     assert bar.get_ylim() == (0, 4)
     assert (picture.images[0].get_array() == vis.tonemap(np.array([[0.5]]), exposure=1)).all()
 
 
 def test_style_holds_in_its_block():
-    def colours():
+    def colors():
         figure = vis.plot_pixel_transient(data(), 12, 12)
         return figure.get_facecolor(), figure.get_figwidth()
 
-    usual = colours()
+    usual = colors()
     with vis.figure_style(theme="dark"):
         figure = vis.plot_pixel_transient(data(), 12, 12)
-        dark = colours()
+        dark = colors()
         with vis.figure_style(width=COLUMN):
-            assert colours() == (dark[0], COLUMN)
-        assert colours() == dark
-    assert colours() == usual
+            assert colors() == (dark[0], COLUMN)
+        assert colors() == dark
+    assert colors() == usual
     assert usual[0] == (1, 1, 1, 1)
     assert max(dark[0][:3]) < 0.15
     figure.canvas.draw()  # Ticks made late are those of the theme, too
@@ -262,29 +262,29 @@ LAB_OF_LMS = np.array(
 )
 
 
-def apart_by(colours):
-    """Distances of all pairs of sRGB colours in OKLab, about as large as they look.
+def apart_by(colors):
+    """Distances of all pairs of sRGB colors in OKLab, about as large as they look.
 
     The first are of usual eyes, the second of those with deuteranopia.
     """
-    light = linear(colours)
+    light = linear(colors)
     seen = np.stack([light, np.clip(light @ DEUTERANOPIA.T, 0, 1)])
     places = np.cbrt(seen @ LMS_OF_RGB.T) @ LAB_OF_LMS.T
     return np.linalg.norm(places[:, :, None] - places[:, None], axis=3)
 
 
-@pytest.mark.parametrize(("colours", "least"), [(phase_map, 0.14), (hue_map, 0.09)])
-def test_every_phase_has_a_colour_of_its_own(colours, least):
+@pytest.mark.parametrize(("colors", "least"), [(phase_map, 0.14), (hue_map, 0.09)])
+def test_every_phase_has_a_color_of_its_own(colors, least):
     """Phases at least an eighth of a turn apart; steps are even."""
     turns = np.arange(256) / 256
     away = np.abs(turns[:, None] - turns)
-    for distances in apart_by(colours()(turns)[:, :3]):
+    for distances in apart_by(colors()(turns)[:, :3]):
         assert distances[np.minimum(away, 1 - away) >= 1 / 8].min() > least
         steps = np.diagonal(np.roll(distances, -1, axis=1))
         assert steps.max() / steps.min() < 2.5
 
 
-def test_every_time_has_a_colour_of_its_own():
+def test_every_time_has_a_color_of_its_own():
     times = np.linspace(0, 1, 101)
     distances = apart_by(time_map()(times)[:, :3])
     assert distances[:, np.abs(times[:, None] - times) >= 0.25].min() > 0.08
@@ -294,9 +294,9 @@ def test_every_time_has_a_colour_of_its_own():
 def test_lines_are_told_apart(theme):
     palette = PALETTES[theme]
     verdicts = palette.good, palette.bad
-    for colours, least in ((palette.lines, 0.07), (palette.channels, 0.1), (verdicts, 0.1)):
-        distances = apart_by([to_rgb(colour) for colour in colours])
-        assert distances[:, ~np.eye(len(colours), dtype=bool)].min() > least
+    for colors, least in ((palette.lines, 0.07), (palette.channels, 0.1), (verdicts, 0.1)):
+        distances = apart_by([to_rgb(color) for color in colors])
+        assert distances[:, ~np.eye(len(colors), dtype=bool)].min() > least
 
 
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg", "SVG"])
@@ -358,5 +358,5 @@ def test_a_video_in_a_notebook_shows_the_brightest_frame_before_it_plays():
     html = animation._repr_html_()
     assert "http" not in html
     poster = Image.open(io_.BytesIO(part_of(html, "image/jpeg")))
-    grey = np.asarray(poster.convert("L"))
-    assert np.median(grey[grey.shape[0] // 3 : -grey.shape[0] // 3]) > 99
+    gray = np.asarray(poster.convert("L"))
+    assert np.median(gray[gray.shape[0] // 3 : -gray.shape[0] // 3]) > 99

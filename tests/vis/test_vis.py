@@ -167,9 +167,9 @@ def test_pixels_and_times_are_those_of_a_crop_or_a_selection():
 
 
 def test_quantity_of_an_array_is_what_it_is_said_to_be():
-    quantity = "radiance per metre"
+    quantity = "radiance per meter"
     figure = vis.plot_pixel_transient(np.ones((2, 2, 4)), 0, 0, 0.0, 0.1, quantity=quantity)
-    assert figure.axes[0].get_ylabel() == "radiance per metre"
+    assert figure.axes[0].get_ylabel() == "radiance per meter"
 
 
 def test_summary_shows_title_and_axes_with_units():

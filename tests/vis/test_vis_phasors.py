@@ -120,7 +120,7 @@ def hue(pixel):
 
 
 @pytest.mark.parametrize("style", ["arrival", "peak"])
-def test_colours_tell_the_time(style):
+def test_colors_tell_the_time(style):
     data = two_arrivals(4, 24)
     figure = vis.light_in_flight(data, 3.5, 0.02, style=style)
     picture = figure.axes[0].images[0].get_array()
@@ -139,7 +139,7 @@ def test_colours_tell_the_time(style):
     assert not plt.get_fignums()
 
 
-def test_rainbow_repeats_after_a_period_and_turns_grey_when_light_is_spread():
+def test_rainbow_repeats_after_a_period_and_turns_gray_when_light_is_spread():
     """Light 10 bins apart: the same hue at a period of 10 bins, none at one of 20."""
     data = two_arrivals(4, 14, share=0.5)
     data[0, 0, 9] = 1
@@ -147,25 +147,25 @@ def test_rainbow_repeats_after_a_period_and_turns_grey_when_light_is_spread():
     options = {"start_opl": 3.5, "bin_width_opl": 0.02, "style": "rainbow"}
     same, spread = (vis.light_in_flight(data, **options, period_ns=k * period) for k in (1, 2))
     picture = same.axes[0].images[0].get_array()
-    colours = same.axes[1]._colorbar.cmap  # pyright: ignore
+    colors = same.axes[1]._colorbar.cmap  # pyright: ignore
     turn = opl_to_ns(3.5 + 4.5 * 0.02) / period % 1
     for pixel, expected in ((picture[1, 0], turn), (picture[0, 0], (turn + 0.5) % 1)):
-        np.testing.assert_allclose(pixel / 255, colours(expected)[:3], atol=0.01)
+        np.testing.assert_allclose(pixel / 255, colors(expected)[:3], atol=0.01)
     np.testing.assert_allclose(picture[1, 2], picture[1, 0].astype(float), atol=1)
     assert np.ptp(spread.axes[0].images[0].get_array()[1, 0]) <= 2
     assert same.axes[1].get_ylabel() == "arrival time, modulo 0.6671 ns [ns]"
 
 
 def test_color_bar_of_a_rainbow_says_when_light_arrived():
-    """Looked up in the bar, a pixel's colour gives its time, to the steps of a colour."""
+    """Looked up in the bar, a pixel's color gives its time, to the steps of a color."""
     bins, period = 120, opl_to_ns(120 * 0.02)
     options = {"style": "rainbow", "period_ns": period, "exposure": 1.0}
     figure = vis.light_in_flight(np.eye(bins)[None], 0.0, 0.02, **options)
     picture = np.asarray(figure.axes[0].images[0].get_array())[0] / 255
     times = np.linspace(0, period, 4001)
     bar = figure.axes[1]._colorbar  # pyright: ignore
-    colours = bar.cmap(bar.norm(times))[:, :3]
-    found = times[((colours[None] - picture[:, None]) ** 2).sum(axis=2).argmin(axis=1)]
+    colors = bar.cmap(bar.norm(times))[:, :3]
+    found = times[((colors[None] - picture[:, None]) ** 2).sum(axis=2).argmin(axis=1)]
     off = found - opl_to_ns((np.arange(bins) + 0.5) * 0.02)
     assert np.abs(off).max() < 0.005 * period
 
@@ -194,9 +194,9 @@ def test_unfinished_and_lost_light(style):
     image = figure.axes[0].images[0]
     picture = np.asarray(image.get_array())
     np.testing.assert_array_equal(picture[:3], vis.tonemap(np.full((3, 9), np.nan)))
-    grey = picture[3:6]
-    assert grey.max() > 0
-    assert (grey == grey[..., :1]).all()
+    gray = picture[3:6]
+    assert gray.max() > 0
+    assert (gray == gray[..., :1]).all()
     assert image.get_extent() == [19.5, 28.5, 41.5, 29.5]
     assert drawn(figure).std() > 0
     assert dataset.identical(before)

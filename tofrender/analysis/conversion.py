@@ -37,7 +37,7 @@ def transient_to_phasor(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Convert transient data to phasors: P(f) = sum L_k exp(+i 2 pi f opl_k / c) at bin centers.
 
-    Radiance per bin is summed directly. Radiance per metre is multiplied by the bin width. See also
+    Radiance per bin is summed directly. Radiance per meter is multiplied by the bin width. See also
     `render_amcw_phasor`, `phasor_panel`. The result differs from phasors that are accumulated path
     by path:
 
@@ -57,7 +57,7 @@ def transient_to_phasor(
             sequence of frequencies.
         start_opl: Start of the first bin [m], by default the Dataset's start.
         bin_width_opl: Width of a bin [m], above 0, by default the Dataset's width.
-        quantity: "radiance per bin" or "radiance per metre", by default the Dataset's quantity. The
+        quantity: "radiance per bin" or "radiance per meter", by default the Dataset's quantity. The
             default for arrays is "radiance per bin".
 
     Returns:
@@ -93,8 +93,8 @@ def transient_to_phasor(
             )
         cube = Cube.of("transient_data", intensity(film["transient"], "transient_data"))
     else:
-        start = checks.metres("start_opl", start_opl)
-        width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
+        start = checks.meters("start_opl", start_opl)
+        width = checks.meters("bin_width_opl", bin_width_opl, positive=True)
         quantity = QUANTITIES[0] if quantity is None else quantity
         quantity = checks.one_of("quantity", quantity, QUANTITIES)
         cube = _four_axes(Cube.of("transient_data", transient_data))
@@ -112,7 +112,7 @@ def transient_to_phasor(
     centers = start + (np.arange(cube.shape[2]) + 0.5) * width
     angles = 2 * math.pi / SPEED_OF_LIGHT * np.outer(frequencies, centers)
     waves = np.concatenate((np.cos(angles), np.sin(angles)))
-    if quantity == "radiance per metre":
+    if quantity == "radiance per meter":
         waves *= width
     sums = _correlate(cube, waves)
     if not np.isfinite(sums).all():
@@ -206,7 +206,7 @@ def _agreeing(given: Mapping[str, Any], dataset: xr.Dataset) -> tuple[float, flo
         if value is None or value == found:
             continue
         valid = name != "quantity"
-        valid = valid and abs(checks.metres(name, value) - found) <= 1e-3 * bins.bin_width_opl
+        valid = valid and abs(checks.meters(name, value) - found) <= 1e-3 * bins.bin_width_opl
         checks.require(name, value, valid, f"{found!r}, as the Dataset has it, or left out")
     return bins.start_opl, bins.bin_width_opl, quantity
 

@@ -155,7 +155,7 @@ def multipath_error(depth: Any, true_depth: Any, range_m: float | None = None) -
     known = np.isfinite(depth) & np.isfinite(truth)
     error = np.subtract(depth, truth, out=np.full(depth.shape, np.nan), where=known)
     if range_m is not None:
-        range_m = checks.metres("range_m", range_m, positive=True)
+        range_m = checks.meters("range_m", range_m, positive=True)
         error = wrap(error + range_m / 2, range_m) - range_m / 2
 
     # Compute statistics

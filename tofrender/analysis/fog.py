@@ -95,13 +95,13 @@ def _scattered(d: NDArray[Any], cosine: NDArray[Any], xi: NDArray[Any]) -> NDArr
     return scattered / np.linalg.norm(scattered, axis=1, keepdims=True)
 
 
-def through_polariser(stokes: ArrayLike, angle: float) -> NDArray[Any]:
+def through_polarizer(stokes: ArrayLike, angle: float) -> NDArray[Any]:
     """Return Stokes vectors (in the last axis) after an ideal linear polarizer at an angle [rad].
 
     The angle 0 transmits S1 > 0, and pi/4 transmits S2 > 0.
 
     Example:
-        >>> through_polariser([1.0, 0.6, 0.0, 0.0], 0.0).tolist()
+        >>> through_polarizer([1.0, 0.6, 0.0, 0.0], 0.0).tolist()
         [0.8, 0.8, 0.0, 0.0]
     """
     s0, s1, s2, _ = np.moveaxis(np.asarray(stokes, np.float64), -1, 0)

@@ -16,7 +16,7 @@ from ..labels import (
 )
 from ..nlos.captures import read_capture
 from ..rendering.dataset import DIMS, QUANTITIES
-from ..rendering.labels import labelled
+from ..rendering.labels import labeled
 from ..runtime import checks
 from ..runtime.progress import status
 
@@ -155,7 +155,7 @@ def _with_bins(dataset: xr.Dataset, bins: int, window: Sequence[float] | None) -
     coordinates = {k: dataset.variables[k] for k in dataset.coords if k not in ("opl", "time")}
     opl = ("opl", first + (np.arange(bins) + 0.5) * wide, dataset["opl"].attrs)
     attrs = dataset.attrs | {"start_opl": float(first), "bin_width_opl": wide}
-    made = labelled(xr.Dataset(kept, coordinates | {"opl": opl}, attrs))
+    made = labeled(xr.Dataset(kept, coordinates | {"opl": opl}, attrs))
 
     # Update the energy outside the bins
     outside = energy_outside_window(dataset, "dataset")

@@ -107,7 +107,7 @@ def unwrap(
     finest = float(ranges.min())
     longest = unambiguous_range(frequencies)
     max_depth = longest if max_depth is None else max_depth
-    max_depth = checks.metres("max_depth", max_depth, positive=True)
+    max_depth = checks.meters("max_depth", max_depth, positive=True)
     limit = min(longest, MAX_WRAPS * finest)
     if max_depth > limit * (1 + 1e-9):
         raise ValueError(

@@ -13,7 +13,7 @@ from ..paths.protocols import Endpoint, HistoryUpdates, Scattering
 from ..paths.records import BSDFEval, BSDFSample, Connection, Path, Vertex
 from ..paths.window import Arrival
 from ..runtime.lane_memory import packed, tape
-from ..signals.polarisation import sensor_frame
+from ..signals.polarization import sensor_frame
 from .emission import Emission, Emitted
 from .lens import Lens
 from .mis import BidirectionalMIS, PartialSums

@@ -25,7 +25,7 @@ from ..paths.scattering import Materials
 from ..paths.space import Vacuum
 from ..paths.walk import step, walk
 from ..runtime.backend import tracing_lock
-from ..signals.polarisation import intensity
+from ..signals.polarization import intensity
 from .camera import Camera, LightPathHistory
 from .emission import Emission
 from .lens import Lens

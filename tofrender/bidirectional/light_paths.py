@@ -11,7 +11,7 @@ import mitsuba as mi
 from ..paths.endpoints.emitters import EmitterEndpoint
 from ..paths.protocols import HistoryUpdates, Scattering
 from ..paths.records import BSDFEval, BSDFSample, Connection, Hit, Path, Vertex
-from ..signals.polarisation import apply_light_path
+from ..signals.polarization import apply_light_path
 from .camera import LightPath, StoredVertex
 from .emission import Emission
 from .lens import Lens

@@ -26,14 +26,14 @@ FEWER_BINS = "a narrower --window or --rates, a lower --bandwidth or a shorter -
 def _window(name: str, value: Any) -> str | tuple[float, float]:
     """Check a window: auto, or its start and stop [m]."""
     found = opt.span(name, value)
-    checks.require(name, value, found != opt.SCENE_TIME, "auto or start,stop in metres of path")
+    checks.require(name, value, found != opt.SCENE_TIME, "auto or start,stop in meters of path")
     return found
 
 
 def _rates(name: str, value: Any) -> tuple[float, float]:
     """Check the start and stop of rates [m/s]."""
     ends = [opt.number(end) for end in str(value).split(",")]
-    allowed = "start,stop in metres per second, like -6,6"
+    allowed = "start,stop in meters per second, like -6,6"
     checks.require(name, value, not any(isinstance(end, str) for end in ends), allowed)
     return checks.interval(name, ends, allowed)
 
@@ -147,7 +147,7 @@ def fmcw(
     out: opt.Out,
     bandwidth: Annotated[float, opt.positive("hertz", "Bandwidth of a chirp [Hz]")] = 1e9,
     chirp: Annotated[float, opt.positive("seconds", "Duration of a chirp [s]")] = 1e-5,
-    wavelength: Annotated[float, opt.positive("metres", "Wavelength of the laser [m]")] = 1.55e-6,
+    wavelength: Annotated[float, opt.positive("meters", "Wavelength of the laser [m]")] = 1.55e-6,
     window_function: Annotated[str, opt.choice(WINDOWS, "Window function of the spectra")] = "hann",
     looks: Annotated[
         int,

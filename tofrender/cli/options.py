@@ -197,7 +197,7 @@ def pulse(name: str, value: Any) -> str | float:
     if value in ("auto", SCENE_TIME):
         return value
     width = number(value)
-    checks.require(name, value, not isinstance(width, str), "auto, scene, or metres above 0")
+    checks.require(name, value, not isinstance(width, str), "auto, scene, or meters above 0")
     return checks.width(name, width)
 
 
@@ -207,7 +207,7 @@ def span(name: str, value: Any) -> str | tuple[float, float]:
     if value in ("auto", SCENE_TIME):
         return value
     if any(isinstance(end, str) for end in ends) or len(ends) != 2:
-        allowed = "auto, scene, or start,stop in metres of path, like 3.5,15"
+        allowed = "auto, scene, or start,stop in meters of path, like 3.5,15"
         raise ValueError(f"{name} = {checks.quote(value)}: must be {allowed}")
     return checks.interval(name, ends)
 
@@ -216,10 +216,10 @@ def sides(name: str, value: Any) -> tuple[float, float]:
     """Check the sides of a wall [m]: one number for a square, or width and height."""
     found = [number(side) for side in str(value).split(",")]
     if any(isinstance(side, str) for side in found) or len(found) > 2:
-        allowed = "metres, or width,height in metres, like 0.7,0.5"
+        allowed = "meters, or width,height in meters, like 0.7,0.5"
         raise ValueError(f"{name} = {checks.quote(value)}: must be {allowed}")
-    width = checks.metres(name, found[0], positive=True)
-    height = checks.metres(name, found[-1], positive=True)
+    width = checks.meters(name, found[0], positive=True)
+    height = checks.meters(name, found[-1], positive=True)
     return width, height
 
 

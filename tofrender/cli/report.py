@@ -153,7 +153,7 @@ def _load_gate(path: Path) -> xr.Dataset:
         "channel": list("RGB" if channels == 3 else "L"),
     }
     attributes = {
-        "quantity": "radiance per metre",
+        "quantity": "radiance per meter",
         "start_opl": center - width / 2,
         "bin_width_opl": width,
         "units": attrs["units"],

@@ -108,7 +108,7 @@ def gate(
     pulse_width: Annotated[
         float | None,
         opt.positive(
-            "metres",
+            "meters",
             "Standard deviation of the Gaussian gate [m]",
             show_default=f"the scene's pulse, otherwise {GATE_WIDTH}",
         ),
@@ -126,7 +126,7 @@ def gate(
 ) -> None:
     """Render one instant, given as a path length.
 
-    The command writes gate.exr, the radiance per metre of path at the instant, and picture.png with
+    The command writes gate.exr, the radiance per meter of path at the instant, and picture.png with
     the time and the brightness. The scene's integrator traces the paths.
 
     Examples:

@@ -81,8 +81,8 @@ def write(
         page = vis.summary_figure(dataset)
         io.save_figure(page, folder / f"summary.{figure}", **opt.dots(dpi))
         if "stokes" in dataset.dims:
-            page = vis.polarisation_figure(dataset["steady"])
-            io.save_figure(page, folder / f"polarisation.{figure}", **opt.dots(dpi))
+            page = vis.polarization_figure(dataset["steady"])
+            io.save_figure(page, folder / f"polarization.{figure}", **opt.dots(dpi))
 
     needed = stack_bytes(in_channels(dataset)["transient"].shape, precision)
     with io.output_folder(out, overwrite=True, needed_bytes=needed) as folder:

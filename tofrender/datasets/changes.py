@@ -88,12 +88,12 @@ def _set_reflectance(scene: Dict, varied: Varied, value: Any) -> None:
 
     # Assign the color, or multiply the old color by the draw
     old = material["reflectance"]
-    colour = np.broadcast_to(np.asarray(value, float), 3)
+    color = np.broadcast_to(np.asarray(value, float), 3)
     if varied.times:
         if not isinstance(old, dict) or old.get("type") != "rgb":
-            raise ValueError(f"{where}: times needs a colour, type rgb")
-        colour = np.clip(colour * np.asarray(old["value"], float), 0, 1)
-    material["reflectance"] = rgb(colour.tolist())
+            raise ValueError(f"{where}: times needs a color, type rgb")
+        color = np.clip(color * np.asarray(old["value"], float), 0, 1)
+    material["reflectance"] = rgb(color.tolist())
 
 
 def _set_material(scene: Dict, varied: Varied, value: str) -> None:

@@ -161,7 +161,7 @@ def _grid(name: str, value: Any) -> Any:
 
 def _window(name: str, value: Any) -> tuple[float, float] | None:
     """Check a time window."""
-    return None if value is None else checks.interval(name, value, "[start, end] in metres")
+    return None if value is None else checks.interval(name, value, "[start, end] in meters")
 
 
 def _only(key: str, check: Check) -> Check:

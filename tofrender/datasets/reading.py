@@ -13,7 +13,7 @@ from ..nlos import make_capture
 from ..nlos.captures import ON_WALL, dimensions
 from ..rendering.dataset import LOST_ENERGY
 from ..rendering.films_on_disk import naming_files, require_whole, require_zarr
-from ..rendering.labels import labelled, labels_of
+from ..rendering.labels import labeled, labels_of
 from ..runtime import checks
 from .layout import RADIANCE
 
@@ -70,7 +70,7 @@ def load_dataset(path: str | os.PathLike[str]) -> xr.Dataset:
         dataset = dataset.assign_attrs(light | {BINS: dataset.sizes["opl"]})
 
     # Add labels. The units of draws are unknown here
-    dataset = labelled(dataset)
+    dataset = labeled(dataset)
     for name, variable in dataset.variables.items():
         default = {"long_name": str(name).replace("_", " ")}
         for key, text in (default | labels_of(str(name).removeprefix("capture_"), {})).items():
@@ -185,11 +185,11 @@ def render_of(dataset: Annotated[xr.Dataset, RECORDS], record: int) -> xr.Datase
                 stacklevel=2,
             )
 
-    # Use arrays without attributes, so that `labelled` adds the labels of a render
+    # Use arrays without attributes, so that `labeled` adds the labels of a render
     pictures = {"transient": transient, "steady": steady}
     arrays = {each: (values.dims, values.values) for each, values in pictures.items()}
     axes = {axis: film[axis].values for axis in transient.dims}
-    found = labelled(xr.Dataset(arrays, axes, film.attrs))
+    found = labeled(xr.Dataset(arrays, axes, film.attrs))
     return with_energy(found, "dataset") if "steady" in film else found
 
 

@@ -147,8 +147,8 @@ def _direction(name: str, value: Any) -> list[float]:
 
 
 LENGTHS: dict[str, tuple[tuple[int, ...], str]] = {
-    "move": ((3,), "3 numbers, metres"),
-    "position": ((3,), "3 numbers, metres"),
+    "move": ((3,), "3 numbers, meters"),
+    "position": ((3,), "3 numbers, meters"),
     "turn": ((0,), "a number, degrees"),
     "scale": ((0, 3), "a number or 3"),
     "reflectance": ((0, 3), "a number or 3"),

@@ -48,7 +48,7 @@ def denoise_film(
     mean: np.ndarray,
     half_difference: np.ndarray,
     features: Mapping[str, np.ndarray],
-    colours: int = 0,
+    colors: int = 0,
 ) -> np.ndarray:
     """Denoise a transient film, using two renders with half of the samples each.
 
@@ -65,7 +65,7 @@ def denoise_film(
         features: Features of the first hits by name: `position` [m], `normal` and `albedo` (0 to 1)
             of shape (height, width, 3), `distance` [m] and `kind`, one of `KINDS`, of shape
             (height, width).
-        colours: Number of leading channels that determine the strength of the filter. The other
+        colors: Number of leading channels that determine the strength of the filter. The other
             channels are filtered with the same strength. The default 0 selects all channels, or the
             channels of S0 if the number of channels is 4 or 12.
 
@@ -94,9 +94,9 @@ def denoise_film(
     checks.finite("half_difference", noise)
     height, width, bins, channels = mean.shape
     features = _checked(features, (height, width))
-    checks.integer("colours", colours, 0, channels)
-    colours = colours or (channels // 4 if channels in (4, 12) else channels)
-    checks.require("colours", colours, channels % colours == 0, f"a divisor of {channels}")
+    checks.integer("colors", colors, 0, channels)
+    colors = colors or (channels // 4 if channels in (4, 12) else channels)
+    checks.require("colors", colors, channels % colors == 0, f"a divisor of {channels}")
 
     # Factor of each pixel and channel: the albedo, except for emitters
     kind = features["kind"].ravel()
@@ -114,24 +114,24 @@ def denoise_film(
     for channel in range(channels):
         factor = dr.gather(mi.Float, inverse, cell // bins * channels + channel)
         values.append(dr.gather(mi.Float, light, cell * channels + channel) * factor)
-        if channel < colours:
+        if channel < colors:
             total += dr.gather(mi.Float, difference, cell * channels + channel) * factor
     film = Packets.of(dr.width(cell), cell, [*values, total])
 
     # Filter the film
     before = film.totals(bins)[:, :channels]
     reached = _reached_bins(np.any(mean != 0, axis=-1))
-    film = _remove_noise(film, Blocks(height, width, bins), features, colours, reached)
+    film = _remove_noise(film, Blocks(height, width, bins), features, colors, reached)
     after = film.totals(bins)[:, :channels]
 
     # Preserve the sum of the pixels of each kind
     for selected in (kind == each for each in np.unique(kind)):
         sum_before, sum_after = (
-            np.sum((scale * each)[selected, :colours], axis=0, dtype=np.float64)
+            np.sum((scale * each)[selected, :colors], axis=0, dtype=np.float64)
             for each in (before, after)
         )
-        factor = np.divide(sum_before, sum_after, out=np.ones(colours), where=sum_after > 0)
-        scale[selected] *= np.tile(factor, channels // colours)
+        factor = np.divide(sum_before, sum_after, out=np.ones(colors), where=sum_after > 0)
+        scale[selected] *= np.tile(factor, channels // colors)
 
     # Multiply by the albedo
     scales = mi.Float(np.ravel(scale))
@@ -162,7 +162,7 @@ def _remove_noise(
     film: Packets,
     blocks: Blocks,
     features: Mapping[str, np.ndarray],
-    colours: int,
+    colors: int,
     reached: np.ndarray,
 ) -> Packets:
     """Subtract the residual of each stage, with a gain per block that is small if it is light.
@@ -171,7 +171,7 @@ def _remove_noise(
         film: The film; its last channel is the noise.
         blocks: Blocks of the film.
         features: Features of the first hits.
-        colours: Number of channels that determine the gains.
+        colors: Number of channels that determine the gains.
         reached: Bins that exchange light, bool (height, width, bins). Other bins do not change.
 
     Returns:
@@ -181,7 +181,7 @@ def _remove_noise(
     cells = dr.arange(mi.UInt32, height * width * bins)
     pixel = cells // bins
     channels = film.at(cells)
-    original = _sum(channels, colours)
+    original = _sum(channels, colors)
     noise = channels[-1]
     dr.eval(original, noise)
     exchanging = mi.Bool(reached.ravel())
@@ -215,8 +215,8 @@ def _remove_noise(
         stored = Packets.of(film.cells, cell, residuals, inside)
 
         # Sum <x - M, r> + <D, Q F D> and <r, r> over blocks and their neighbors
-        light = _sum(residuals, colours)
-        excess = (_sum(here, colours) - dr.gather(mi.Float, original, cell, inside)) * light
+        light = _sum(residuals, colors)
+        excess = (_sum(here, colors) - dr.gather(mi.Float, original, cell, inside)) * light
         excess += dr.gather(mi.Float, noise, cell, inside) * residuals[-1]
         excess, power = (
             uniform_filter(weight * each, POOL, mode="constant")
@@ -236,9 +236,9 @@ def _remove_noise(
     return film
 
 
-def _sum(values: Sequence[mi.Float], colours: int) -> mi.Float:
+def _sum(values: Sequence[mi.Float], colors: int) -> mi.Float:
     """Return the sum of the leading channels."""
-    return sum(values[1:colours], values[0])
+    return sum(values[1:colors], values[0])
 
 
 def _is_like_neighbors(variance: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..signals.polarisation import components
+from ..signals.polarization import components
 
 
 def to_rgb(

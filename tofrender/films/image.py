@@ -7,7 +7,7 @@ from typing import Any
 import mitsuba as mi
 
 from ..runtime import checks
-from ..signals.polarisation import STOKES
+from ..signals.polarization import STOKES
 
 
 def image_film(film: mi.Film) -> mi.Film:

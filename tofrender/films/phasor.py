@@ -12,7 +12,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.settings import parameter
-from ..signals.polarisation import STOKES, stokes_count
+from ..signals.polarization import STOKES, stokes_count
 from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 from .image import box_by_default, image_film, stokes_channels
 
@@ -63,8 +63,8 @@ class PhasorHDRFilm(mi.Film):
         # Read the parameters
         box_by_default(props)
         text = props.get("frequencies_hz", None)
-        mean = checks.metres("wl_mean", props.get("wl_mean", 100.0), positive=True)
-        sigma = checks.metres("wl_sigma", props.get("wl_sigma", 1000.0), positive=True)
+        mean = checks.meters("wl_mean", props.get("wl_mean", 100.0), positive=True)
+        sigma = checks.meters("wl_sigma", props.get("wl_sigma", 1000.0), positive=True)
         width = parameter(props, "bin_width_opl", 0.003)
         bins = checks.integer("temporal_bins", props.get("temporal_bins", 4096), 2, checks.MAX_BINS)
         super().__init__(props)

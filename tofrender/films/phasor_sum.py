@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import drjit as dr
 import mitsuba as mi
 
-from ..signals.polarisation import no_light
+from ..signals.polarization import no_light
 from ..signals.units import SPEED_OF_LIGHT
 from .contribution import Contribution, rate_of
 from .sums import Radiance, Splat

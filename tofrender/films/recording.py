@@ -21,7 +21,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import memory
-from ..signals.polarisation import components, scaled, stokes_count
+from ..signals.polarization import components, scaled, stokes_count
 from .colors import channels_of, color_count, kept, to_rgb
 from .contribution import CameraRays
 from .exposure import BINS, PHASORS, PICTURE, Exposure, Weight, profile

@@ -14,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..signals.polarisation import stokes_count
+from ..signals.polarization import stokes_count
 from .histogram import Histogram
 
 STEPS = 512  # Number of points per pixel for the integral of a filter

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
-from ..signals.polarisation import no_light
+from ..signals.polarization import no_light
 from .contribution import Contribution
 
 Splat = Callable[[list[mi.Spectrum], mi.Point2f, mi.Bool], None]

@@ -9,7 +9,7 @@ from functools import partial
 import drjit as dr
 import mitsuba as mi
 
-from ..signals.polarisation import no_light, scaled
+from ..signals.polarization import no_light, scaled
 from ..signals.pulses import Pulse
 from .colors import units_of
 from .contribution import CameraRays, Contribution

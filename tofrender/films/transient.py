@@ -11,7 +11,7 @@ import numpy as np
 
 from ..runtime import checks
 from ..runtime.settings import parameter
-from ..signals.polarisation import stokes_count, to_stokes
+from ..signals.polarization import stokes_count, to_stokes
 from .colors import channels_by, channels_of
 from .histogram import Histogram
 from .image import box_by_default, image_film, stokes_channels
@@ -48,7 +48,7 @@ class TransientHDRFilm(mi.Film):
     `develop()` returns `(steady, transient)`: tensors of shape (height, width, channels) and
     (height, width, temporal_bins, channels) of the crop window. `channels` is 1 in monochromatic
     variants and 3 (RGB) otherwise. In polarized variants, the number is four times larger: the
-    channels of S0 are followed by S1, S2 and S3 (see `signals.polarisation`). The bins equal
+    channels of S0 are followed by S1, S2 and S3 (see `signals.polarization`). The bins equal
     mitransient's in monochromatic polarized variants. mitransient's picture has S0 only, and its
     spectral polarized films have S0 only.
 

@@ -95,8 +95,8 @@ def phasor_loss(
         4.0
     """
     # Check the arguments
-    start = checks.metres("start_opl", start_opl)
-    width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
+    start = checks.meters("start_opl", start_opl)
+    width = checks.meters("bin_width_opl", bin_width_opl, positive=True)
     frequencies = check_below_limit(frequency_hz, width)
     rendered = _bins(rendered)
     bins = None
@@ -173,8 +173,8 @@ def phase_loss(
         1.0
     """
     # Check the arguments
-    start = checks.metres("start_opl", start_opl)
-    width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
+    start = checks.meters("start_opl", start_opl)
+    width = checks.meters("bin_width_opl", bin_width_opl, positive=True)
     frequencies = check_below_limit(frequency_hz, width)
     first = _bins(rendered)
     if 0 in first.shape:

@@ -26,7 +26,7 @@ import mitsuba as mi
 from ..paths.protocols import Scattering, ScatteringWrapper
 from ..paths.records import BSDFEval, BSDFSample, Connection, Path, Vertex
 from ..paths.surfaces import changing, element, spawn_ray
-from ..signals.polarisation import intensity, multiply_throughput
+from ..signals.polarization import intensity, multiply_throughput
 
 
 class Detached(ScatteringWrapper):

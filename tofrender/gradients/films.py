@@ -26,7 +26,7 @@ from ..films.contribution import CameraRays, Contribution
 from ..films.recording import BinRecording, Recording
 from ..films.sums import Radiance
 from ..films.time_bins import TimeBins, bin_of_instant, bins_of_pulse, pulse_weight
-from ..signals.polarisation import no_light, scaled
+from ..signals.polarization import no_light, scaled
 
 # Keep the rates of parameters, which are needed again at the next vertex
 FORWARDS = dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad

@@ -15,7 +15,7 @@ from ..films.phasor import parse_frequencies
 from ..films.sums import Weighted
 from ..runtime import plugins
 from ..runtime.checkpoints import Checkpoint
-from ..scenes.checking import check_view, require_modelled
+from ..scenes.checking import check_view, require_modeled
 from ..scenes.transient_integrators import path_tracer_of
 from ..signals.modulations import AMCWPulse
 from ..signals.phasors import phasor_parts
@@ -230,7 +230,7 @@ def render_amcw_phasor(
     tracer = integrator
     if tracer is None:
         tracer = with_phasors(scene.integrator())
-        require_modelled(scene, sensor, **follows(tracer))
+        require_modeled(scene, sensor, **follows(tracer))
 
     # Create a film for the phasors
     plugin = plugins.qualified_name("phasor_hdr_film")

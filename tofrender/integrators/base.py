@@ -26,7 +26,7 @@ from ..runtime.settings import parameter
 from ..scenes.checking import check_scene
 from ..scenes.media import beyond, media_of
 from ..scenes.motion import motions_of
-from ..signals.polarisation import to_spectrum
+from ..signals.polarization import to_spectrum
 from ..signals.pulses import GaussianPulse, Pulse
 from .derivatives import Derivative, replaced
 from .differentiable import require_changes, require_derivatives, tracked, warn_of_edges
@@ -104,7 +104,7 @@ lengths |
     follows_media = True
 
     # Whether paths transport polarized light in polarized variants
-    follows_polarisation = True
+    follows_polarization = True
 
     # Whether connections pass surfaces with null transmission, as in Mitsuba's `volpath`
     goes_straight = False

@@ -22,7 +22,7 @@ from ..paths.space import transmittance_between
 from ..paths.walk import accumulate, walk
 from ..runtime import checks
 from ..runtime.backend import tracing_lock
-from ..signals.polarisation import unpolarised
+from ..signals.polarization import unpolarized
 from .plan import M, Plan
 from .time_gated import Gate
 from .transient_path import TransientPath
@@ -260,7 +260,7 @@ class BidirectionalPlan(Plan):
 
         # Add the contribution
         contribution = Contribution(
-            spectrum=unpolarised(mi.unpolarized_spectrum(radiance) * weight),
+            spectrum=unpolarized(mi.unpolarized_spectrum(radiance) * weight),
             opl=mi.Float(0) if self.limits.camera_unwarp else length * self.space.index,
             active=active & (mis_weight > 0),
             position=lens_sample.position,
@@ -297,7 +297,7 @@ class BothEnds(TransientPath):
         allowed = "2 or more, because light must reach a surface before the camera"
         checks.require("max_depth", self.max_depth, self.max_depth not in (0, 1), allowed)
         target = props.get("target_time", None)
-        self.target_time = None if target is None else checks.metres("target_time", target)
+        self.target_time = None if target is None else checks.meters("target_time", target)
 
     def mis_strategies(self) -> BidirectionalMIS:
         """Return the strategies and their MIS weights."""

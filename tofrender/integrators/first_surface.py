@@ -23,7 +23,7 @@ class FirstSurface(PathTracer):
 
     needs_lights = False
     follows_media = False
-    follows_polarisation = False
+    follows_polarization = False
     has_derivatives = False
     takes_light_samples = False
 

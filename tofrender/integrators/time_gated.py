@@ -127,10 +127,10 @@ class TimeGatedTransientPath(TransientIntegrator):
         super().__init__(props)
 
         # Read the pulse and the gate
-        width = checks.metres("pulse_width_opl", props.get("pulse_width_opl", 0.03), positive=True)
+        width = checks.meters("pulse_width_opl", props.get("pulse_width_opl", 0.03), positive=True)
         self.pulse: Pulse = GaussianPulse(width)
         target = props.get("target_time", None)
-        self.target_time = None if target is None else checks.metres("target_time", target)
+        self.target_time = None if target is None else checks.meters("target_time", target)
 
     def sample(self, scene, sampler, ray, target_time=None, medium=None, active=True, origin=None):
         """Estimate radiance per meter along camera rays, at one time gate.
@@ -249,7 +249,7 @@ def render_at_time(
         >>> render_at_time(scene, integrator, scene.sensors()[0], 5.9, spp=4).shape
         (16, 16, 3)
     """
-    target = checks.metres("target_time", target_time)
+    target = checks.meters("target_time", target_time)
     if target < 0:
         raise ValueError(f"target_time = {target_time!r}: must be 0 m or more")
     return render_image(
@@ -320,8 +320,8 @@ def render_transient(
         required = ", ".join(FILM_KEYS)
         raise ValueError(f"film_config = {given}: {missing[0]} is missing. Set {required}")
     bins = checks.integer("temporal_bins", film_config["temporal_bins"], 1, checks.MAX_BINS)
-    start = checks.metres("start_opl", film_config["start_opl"])
-    width = checks.metres("bin_width_opl", film_config["bin_width_opl"], positive=True)
+    start = checks.meters("start_opl", film_config["start_opl"])
+    width = checks.meters("bin_width_opl", film_config["bin_width_opl"], positive=True)
 
     # Check the integrator, and that the pulse is not missing
     if is_user_defined(integrator):

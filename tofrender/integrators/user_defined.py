@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from ..films.recording import Recording
 from ..films.sums import Radiance
-from ..signals.polarisation import summed, to_stokes
+from ..signals.polarization import summed, to_stokes
 from .plan import Plan
 
 
@@ -28,7 +28,7 @@ def follows(integrator: Any) -> dict[str, bool]:
     """
     return {
         "media": getattr(integrator, "follows_media", True),
-        "polarisation": getattr(integrator, "follows_polarisation", integrator is None),
+        "polarization": getattr(integrator, "follows_polarization", integrator is None),
         "beams": follows_beams(integrator),
     }
 

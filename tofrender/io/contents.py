@@ -53,7 +53,7 @@ _FRAME = r"frame_\d{4,}"
 COMMANDS = {
     "render": Contents(
         (rf"{_FRAME}\.(exr|png)", r"steady\.(exr|png)", *_plain(*filter(None, FORMATS.values()))),
-        (r"video\.(mp4|gif)", _figure("summary"), _figure("polarisation")),
+        (r"video\.(mp4|gif)", _figure("summary"), _figure("polarization")),
     ),
     "render --frames": Contents(_plain(FRAMES_LIST), (_FRAME, *_plain(FRAMES_STEADY, VIDEO))),
     "phasor": Contents((r"phasor_[\w.+-]+\.exr",), (_figure("panel"),)),

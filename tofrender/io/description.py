@@ -12,7 +12,7 @@ import numpy as np
 from ..labels import FILM, read
 from ..rendering import dataset as datasets
 from ..rendering.dataset import DIMS, ERRORS, HALVES, plain_attributes
-from ..rendering.labels import labelled
+from ..rendering.labels import labeled
 from ..runtime import checks
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def restore(description: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Da
             "its pixels, channels or time bins contradict the attributes; must be as it was saved"
         )
     datasets.require_storable(dataset)
-    return datasets.in_components(labelled(dataset))
+    return datasets.in_components(labeled(dataset))
 
 
 def warn_not_finite(dataset: xr.Dataset, stacklevel: int = 3) -> None:

@@ -18,7 +18,7 @@ from ..rendering.cubes import Cube
 from ..rendering.dataset import DIMS, for_file, plain_attributes, require_finite
 from ..runtime import checks, memory
 from ..runtime.atomic import check_file, replacing
-from ..signals.polarisation import STOKES
+from ..signals.polarization import STOKES
 from .description import describe, parse, restore, warn_not_finite
 from .files import for_each, named, reading, seal, seal_file
 from .multipart import MultipartWriter

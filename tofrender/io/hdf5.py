@@ -20,11 +20,11 @@ from ..nlos.captures import COUNTS, DEVICES, ON_WALL, as_capture, make_capture, 
 from ..nlos.modes import MODES
 from ..rendering.cubes import Cube
 from ..rendering.dataset import plain_attributes
-from ..rendering.labels import TIME, labelled, labels_of
+from ..rendering.labels import TIME, labeled, labels_of
 from ..runtime import checks, memory
 from ..runtime.atomic import check_file, replacing
 from ..runtime.progress import status
-from ..signals.colour import luminance
+from ..signals.color import luminance
 from .description import warn_not_finite
 from .files import seal_file
 
@@ -47,7 +47,7 @@ KINDS = (np.dtype(np.float32), np.dtype(bool))  # Types of a file's arrays
 MOST_LINKS = 16  # Largest number of links in a path
 _COPIES = 3  # Largest number of copies of H in memory
 _OURS = "tofrender"  # Our part of scene_info
-_COLORS = "tofrender_colours_"  # Attributes of H by their first bin, (bins, ..., channels)
+_COLORS = "tofrender_colors_"  # Attributes of H by their first bin, (bins, ..., channels)
 _IN_FIELDS = ("capture_mode", "start_opl", "bin_width_opl", "counts_first_and_last_legs")
 
 
@@ -306,7 +306,7 @@ def restore(fields: dict[str, Any]) -> xr.Dataset:
 
     # Restore the labels of the pixels, channels and variables
     capture = capture.assign_coords(_pixels(about.get("pixels", {}), capture))
-    capture = labelled(capture.assign_coords(channel=channels))
+    capture = labeled(capture.assign_coords(channel=channels))
     for name, attrs in about.get("labels", {}).items():
         if name in capture.variables:
             capture[name].attrs.update(checks.mapping(f"labels: {name}", attrs))

@@ -168,7 +168,7 @@ def _posed(records: list[Any]) -> xr.Dataset:
     if all("reference_hist" in record for record in records):
         reference = _counts("reference_hist", [[each["reference_hist"]] for each in records], 3)
         variables["reference"] = (("pose", "diode", "bin"), reference)
-    return _labelled(variables)
+    return _labeled(variables)
 
 
 def _logged(frames: list[Any]) -> xr.Dataset:
@@ -182,8 +182,8 @@ def _logged(frames: list[Any]) -> xr.Dataset:
     if all("ref_histo" in frame for frame in frames):
         reference = [[each["bin"] for each in frame["ref_histo"]] for frame in frames]
         variables["reference"] = (("pose", "diode", "bin"), _counts("ref_histo", reference, 3))
-    return _labelled(variables).assign_attrs(zone_rows=rows, zone_columns=columns)
+    return _labeled(variables).assign_attrs(zone_rows=rows, zone_columns=columns)
 
 
-def _labelled(variables: dict[str, Any]) -> xr.Dataset:
+def _labeled(variables: dict[str, Any]) -> xr.Dataset:
     return xr.Dataset(variables, attrs={"quantity": "counts", "units": "1"})

@@ -58,8 +58,8 @@ def scan(counts: Any, given: dict[str, Any], **known: Any) -> xr.Dataset:
         checks.require(name, known.get(name), name in known, allowed)
     size = known["wall_size"]
     sides = size if isinstance(size, tuple | list | np.ndarray) else (size, size)
-    sides = checks.items("wall_size", sides, 2, "a number of metres, or two: width and height")
-    width, height = (checks.metres("wall_size", side, positive=True) for side in sides)
+    sides = checks.items("wall_size", sides, 2, "a number of meters, or two: width and height")
+    width, height = (checks.meters("wall_size", side, positive=True) for side in sides)
     bin_width = checks.number("bin_width_s", known["bin_width_s"], unit="s", positive=True)
     if bin_width > LONGEST_BIN_S:
         raise ValueError(

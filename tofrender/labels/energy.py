@@ -52,7 +52,7 @@ def energy_outside_window(film: xr.Dataset, parameter: str) -> float | None:
     name = "transient" if "transient" in film else "radiance"
     light = _sum(intensity(film[name], parameter))
     steady = _sum(intensity(film["steady"], parameter))
-    if film.attrs.get("quantity") == "radiance per metre":
+    if film.attrs.get("quantity") == "radiance per meter":
         light *= film.attrs["bin_width_opl"]
     if not (steady > 0 and np.isfinite(light)):
         return known

@@ -21,7 +21,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..paths.records import Connection, MediumPoint, Path, Vertex
-from ..signals.polarisation import multiply_throughput
+from ..signals.polarization import multiply_throughput
 from .flight import Flight
 from .phases import as_surface
 from .transport import MediaTransport, medium_interaction

@@ -11,7 +11,7 @@ import mitsuba as mi
 from ..paths.protocols import Scattering, ScatteringWrapper
 from ..paths.records import BSDFEval, BSDFSample, Connection, MediumPoint, Vertex
 from ..scenes.media import FLAKES, RAYLEIGH, has_flakes
-from ..signals.polarisation import depolarise, rayleigh
+from ..signals.polarization import depolarize, rayleigh
 
 
 def stored_medium_point(si: mi.SurfaceInteraction3f, medium: mi.MediumPtr) -> MediumPoint:
@@ -170,7 +170,7 @@ class Phases(ScatteringWrapper):
         self, f: mi.Spectrum, mei: mi.MediumInteraction3f, wo: mi.Vector3f
     ) -> mi.Spectrum:
         """Return the Mueller matrix of scattering: a depolarizer, or Rayleigh scattering."""
-        factor = depolarise(f)
+        factor = depolarize(f)
         incident, outgoing = (mei.wi, wo) if self.importance else (wo, mei.wi)
         for medium in self.polarizing:
             here = mei.medium == mi.MediumPtr(medium)

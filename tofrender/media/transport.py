@@ -30,7 +30,7 @@ from ..paths.protocols import Scattering, Space
 from ..paths.records import Connection, MediumPoint, Path, Vertex
 from ..paths.surfaces import Boundaries, is_boundary, lets_straight_through, spawn_ray
 from ..scenes.media import media_of
-from ..signals.polarisation import bsdf_to_world, intensity, multiply_throughput
+from ..signals.polarization import bsdf_to_world, intensity, multiply_throughput
 from .flight import Flight, channel_probabilities, sample_channel, value_in
 from .phases import Phases, as_surface
 

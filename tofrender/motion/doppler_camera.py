@@ -36,7 +36,7 @@ from ..films.rates import DopplerRecording
 from ..integrators.running import render_all
 from ..labels import DOPPLER, read
 from ..rendering.dataset import pixels_and_channels
-from ..rendering.labels import labelled
+from ..rendering.labels import labeled
 from ..runtime import checks, plugins
 from ..scenes.motion import posed
 from ..signals.units import SPEED_OF_LIGHT, check_frequency
@@ -147,7 +147,7 @@ def doppler(
 
     # Label the result
     dims = ("y", "x", "part", "channel")
-    return labelled(
+    return labeled(
         xr.Dataset(
             {
                 "homodyne": (dims, parts[:, :, 0]),

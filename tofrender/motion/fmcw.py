@@ -73,7 +73,7 @@ class Fmcw:
     def __post_init__(self) -> None:
         checks.number("bandwidth_hz", self.bandwidth_hz, unit="hertz", positive=True, high=1e15)
         checks.number("chirp_s", self.chirp_s, unit="seconds", positive=True, high=1e3)
-        checks.number("wavelength_m", self.wavelength_m, unit="metres", positive=True, high=1)
+        checks.number("wavelength_m", self.wavelength_m, unit="meters", positive=True, high=1)
         checks.one_of("window", self.window, WINDOWS)
         checks.integer("looks", self.looks, 0, MAX_LOOKS)
         if self.photons is not None:

@@ -14,7 +14,7 @@ import xarray as xr
 from ..films.rates import Axis, RateRecording, rate_film
 from ..integrators.running import render_all
 from ..rendering.dataset import LOST_ENERGY, pixels_and_channels
-from ..rendering.labels import labelled
+from ..rendering.labels import labeled
 from ..rendering.window import windowed_film
 from ..runtime import checks
 from ..scenes.motion import motions_of
@@ -69,7 +69,7 @@ def range_rate(
     render_settings, checkpoint, progress = split_settings(
         scene, settings, bins=bins, window=window
     )
-    checks.require("window", window, window != "auto", "(start, stop) in metres")
+    checks.require("window", window, window != "auto", "(start, stop) in meters")
     count = checks.integer("rate_bins", rate_bins, 1, checks.MAX_BINS)
     span = rates if rates is None else checks.interval("rates", rates, "(start, stop) in m/s")
 
@@ -114,7 +114,7 @@ def range_rate(
         name: each.start + (np.arange(each.count) + 0.5) * each.width
         for name, each in (("opl", opl), ("rate", rate))
     }
-    return labelled(
+    return labeled(
         xr.Dataset(
             {
                 "radiance": (("y", "x", "opl", "rate", "channel"), light, RADIANCE),

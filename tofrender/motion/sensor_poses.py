@@ -83,7 +83,7 @@ def render_poses(
     matrices = require_poses("poses", poses)
     checks.boolean("progress", progress)
     if is_auto(settings.get("window")):
-        raise ValueError("window = 'auto' is not supported for poses. Pass (start, stop) in metres")
+        raise ValueError("window = 'auto' is not supported for poses. Pass (start, stop) in meters")
 
     # Load the scene once, and find which parts move
     job = make_job(RenderSettings(scene, **settings), may_be_dark=True)

@@ -18,7 +18,7 @@ import numpy as np
 from ..labels import CAPTURE, COUNTS as COUNTED, Kind, bins_of, read, require_axes_only
 from ..rendering.cubes import Cube
 from ..rendering.dataset import plain_attributes, require_plain_attributes
-from ..rendering.labels import TIME, labelled, with_time
+from ..rendering.labels import TIME, labeled, with_time
 from ..runtime import checks, memory
 from .modes import MODES
 
@@ -96,8 +96,8 @@ def make_capture(
     # Check mode, quantity and bins
     checks.one_of("mode", mode, MODES)
     checks.one_of("quantity", quantity, QUANTITIES)
-    start = checks.metres("start_opl", start_opl)
-    width = checks.metres("bin_width_opl", bin_width_opl, positive=True)
+    start = checks.meters("start_opl", start_opl)
+    width = checks.meters("bin_width_opl", bin_width_opl, positive=True)
 
     # Read the light
     dims = dimensions(mode)["transient"]
@@ -181,7 +181,7 @@ def make_capture(
         "bin_width_opl": width,
         "counts_first_and_last_legs": int(legs),
     }
-    capture = labelled(xr.Dataset(variables, coords=coords, attrs=more | standard))
+    capture = labeled(xr.Dataset(variables, coords=coords, attrs=more | standard))
     check_capture(capture)
     return capture
 

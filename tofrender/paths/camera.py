@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..runtime.interface import world_transform
-from ..signals.polarisation import sensor_frame
+from ..signals.polarization import sensor_frame
 from .wavefronts import Wavefronts
 
 

@@ -13,7 +13,7 @@ from copy import copy
 import drjit as dr
 import mitsuba as mi
 
-from ..signals.polarisation import intensity, multiply_throughput
+from ..signals.polarization import intensity, multiply_throughput
 from .guiding import GuidedMaterials
 from .kinds import Kind
 from .protocols import Endpoint, Measurement, Parts, Space

@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 import drjit as dr
 import mitsuba as mi
 
-from ..signals.polarisation import unit_throughput
+from ..signals.polarization import unit_throughput
 from .kinds import Kind, Lobes
 
 H = TypeVar("H")  # Type of the history that an endpoint keeps of a path

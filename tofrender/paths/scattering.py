@@ -7,7 +7,7 @@ from functools import reduce
 import drjit as dr
 import mitsuba as mi
 
-from ..signals.polarisation import bsdf_to_world, intensity
+from ..signals.polarization import bsdf_to_world, intensity
 from .protocols import Scattering
 from .records import BSDFEval, BSDFSample, Connection, Vertex
 from .refraction import Glass

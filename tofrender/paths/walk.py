@@ -34,7 +34,7 @@ sample. Their endpoint is the camera, and their connections end on the lens. Sca
 adjoint (`Materials(importance=True)`). Refraction does not compress importance, so that Russian
 roulette omits the factor η². `bidirectional.mis` weights the strategies of both directions.
 
-**Polarized light** makes the throughput a Mueller matrix, see `signals.polarisation`. Russian
+**Polarized light** makes the throughput a Mueller matrix, see `signals.polarization`. Russian
 roulette and MIS weights use the first entry of the matrix. A contribution is a Stokes vector.
 
 **Participating media** are a space. Its `next_vertex` may return a point that scatters, and its
@@ -55,7 +55,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from ..signals.polarisation import apply_throughput, intensity, multiply_throughput, summed
+from ..signals.polarization import apply_throughput, intensity, multiply_throughput, summed
 from .kinds import Kind
 from .protocols import FurtherConnections, Measurement, MediumConnections, Parts, Target
 from .records import BSDFEval, Connection, Path, Vertex

@@ -18,7 +18,7 @@ from ..paths.camera import sample_camera, sampled_size
 from ..runtime import checks
 from ..runtime.backend import tracing_lock
 from ..runtime.progress import status
-from ..signals.polarisation import intensity
+from ..signals.polarization import intensity
 
 if TYPE_CHECKING:
     from ..films.transient import TransientHDRFilm

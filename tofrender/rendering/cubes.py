@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime import checks, memory
-from ..signals.colour import luminance
+from ..signals.color import luminance
 
 # Size of a piece that is read from disk [bytes], unless the chunks on disk are larger
 PIECE_BYTES = 8 << 20

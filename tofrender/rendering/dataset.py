@@ -21,9 +21,9 @@ from ..labels import (
     require_consecutive,
     require_whole_stokes,
 )
-from ..signals.polarisation import STOKES
+from ..signals.polarization import STOKES
 from .cubes import Cube
-from .labels import labelled
+from .labels import labeled
 from .lazy_dask import defer_dask
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ..films.transient import TransientHDRFilm
 
 # Quantities of a transient: energy of each bin, or density at the center of each bin
-QUANTITIES = ("radiance per bin", "radiance per metre")
+QUANTITIES = ("radiance per bin", "radiance per meter")
 
 # Fraction of the energy outside the window above which users are warned
 LOST_ENERGY = 0.01
@@ -56,8 +56,8 @@ HALVES = {
 def coordinates(film: TransientHDRFilm) -> dict[str, np.ndarray]:
     """Return pixels, bin centers [m], Stokes components and channels of a film's crop window."""
     opl = film.start_opl + (np.arange(film.shape[2]) + 0.5) * film.bin_width_opl
-    polarised = {"stokes": np.array(STOKES)} if film_stokes(film) > 1 else {}
-    return polarised | pixels_and_channels(film, film.base_channels_count()) | {"opl": opl}
+    polarized = {"stokes": np.array(STOKES)} if film_stokes(film) > 1 else {}
+    return polarized | pixels_and_channels(film, film.base_channels_count()) | {"opl": opl}
 
 
 def pixels_and_channels(film: mi.Film, channels: int) -> dict[str, np.ndarray]:
@@ -98,7 +98,7 @@ def transient_dataset(
             dims = (*dims[:-1], "stokes", dims[-1])
             array = array.reshape(*array.shape[:-1], count, -1)
         variables[name] = dims, array
-    return labelled(xr.Dataset(variables, coords=coordinates(film), attrs=attrs | size))
+    return labeled(xr.Dataset(variables, coords=coordinates(film), attrs=attrs | size))
 
 
 def film_stokes(film: TransientHDRFilm) -> int:
@@ -171,8 +171,8 @@ def in_components(dataset: xr.Dataset) -> xr.Dataset:
     """Reverse `in_channels`. A Dataset with other channel names is returned unchanged."""
     # Do the channels contain Stokes components?
     names = [str(name) for name in dataset["channel"].values]
-    colours = [name.partition(".")[2] for name in names[: len(names) // 4]]
-    if names != [f"{s}.{c}" for s in STOKES for c in colours] or not colours:
+    colors = [name.partition(".")[2] for name in names[: len(names) // 4]]
+    if names != [f"{s}.{c}" for s in STOKES for c in colors] or not colors:
         return dataset
 
     # Divide the last axis of each variable
@@ -181,14 +181,14 @@ def in_components(dataset: xr.Dataset) -> xr.Dataset:
         if "channel" not in variable.dims:
             variables[name] = variable
             continue
-        data = variable.data.reshape(*variable.shape[:-1], 4, len(colours))
+        data = variable.data.reshape(*variable.shape[:-1], 4, len(colors))
         variables[name] = (*variable.dims[:-1], "stokes", "channel"), data, variable.attrs
 
     # Add the coordinates of the two axes
     coords = {name: each for name, each in dataset.coords.items() if name != "channel"}
-    channel = ("channel", colours, dataset["channel"].attrs)
+    channel = ("channel", colors, dataset["channel"].attrs)
     coords = {"stokes": list(STOKES)} | coords | {"channel": channel}
-    return labelled(type(dataset)(variables, coords, dataset.attrs))
+    return labeled(type(dataset)(variables, coords, dataset.attrs))
 
 
 def of_intensity(values: np.ndarray) -> np.ndarray:
@@ -242,9 +242,9 @@ def require_finite(dataset: xr.Dataset) -> None:
             Cube(dataset[name]).require_finite(name)
 
 
-def plain_attributes(labelled: xr.Dataset | xr.Variable) -> dict[str, Any]:
+def plain_attributes(labeled: xr.Dataset | xr.Variable) -> dict[str, Any]:
     """Return the attributes of a Dataset or a variable; NumPy scalars become Python numbers."""
     return {
         str(name): value.item() if isinstance(value, np.generic) else value
-        for name, value in labelled.attrs.items()
+        for name, value in labeled.attrs.items()
     }

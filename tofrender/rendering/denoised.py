@@ -11,7 +11,7 @@ from ..integrators.features import by_name, render_features
 from ..labels import FILM, read, require_consecutive, require_whole_stokes, with_energy
 from ..runtime.progress import status
 from .dataset import HALVES
-from .labels import labelled
+from .labels import labeled
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -71,7 +71,7 @@ def denoise(dataset: Annotated[xr.Dataset, FILM]) -> xr.Dataset:
         "transient": earlier.copy(data=found.reshape(earlier.shape)),
         "steady": steady.copy(data=steady.values + change.reshape(steady.shape)),
     }
-    return labelled(dataset.assign(variables).assign_attrs(denoised=1))
+    return labeled(dataset.assign(variables).assign_attrs(denoised=1))
 
 
 def denoised(

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..runtime import checks
 from .dataset import DIMS, ERRORS, in_components
-from .labels import labelled
+from .labels import labeled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -115,7 +115,7 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
         dataset = naming_files(dataset, folder, "film")
     except (OSError, RuntimeError, ValueError, KeyError, TypeError):
         raise ValueError(f"path = {path}: must be a finished film that `render` wrote") from None
-    dataset = in_components(labelled(dataset))
+    dataset = in_components(labeled(dataset))
     dataset.encoding["source"] = str(folder)
     return dataset
 

@@ -313,9 +313,9 @@ def dataset_of(job: Job, result: WorkResult, resume: xr.Dataset | None = None) -
         not_finite += int(earlier.attrs.get("contributions_not_finite", 0))
 
     # Find the energy of the intensity S0; the other Stokes components may be negative
-    colours = job.film.base_channels_count()
+    colors = job.film.base_channels_count()
     steady, transient = (
-        float(np.sum(arrays[name][..., :colours], dtype=np.float64))
+        float(np.sum(arrays[name][..., :colors], dtype=np.float64))
         for name in ("steady", "transient")
     )
 
@@ -391,7 +391,7 @@ def film_of_light(
 
     # Choose an automatic window
     if is_auto(settings.window):
-        allowed = "must be (start, stop) in metres"
+        allowed = "must be (start, stop) in meters"
         if not arrivals.any:
             raise ValueError(f"window = 'auto': no light found; {allowed}")
         if arrivals.energy[-1] > 0:

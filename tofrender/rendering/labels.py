@@ -88,7 +88,7 @@ def labels_of(name: str, attrs: Mapping[str, Any]) -> dict[str, str]:
     return {"units": units, "long_name": f"standard error of {quantity}" if error else quantity}
 
 
-def labelled(dataset: xr.Dataset) -> xr.Dataset:
+def labeled(dataset: xr.Dataset) -> xr.Dataset:
     """Add missing units and names to a Dataset, and the coordinate `time` along `opl`."""
     dataset = with_time(dataset)
     for name, variable in dataset.variables.items():

@@ -10,7 +10,7 @@ from ..labels import FILM, energy_outside_window, read
 from ..runtime import checks
 from ..runtime.progress import status
 from .dataset import DIMS, ERRORS, HALVES, require_finite
-from .labels import labelled
+from .labels import labeled
 
 # Attributes that may differ between the renders
 OWN = {
@@ -92,7 +92,7 @@ def merge(renders: Sequence[Annotated[xr.Dataset, FILM]]) -> xr.Dataset:
     merged = merged.drop_vars(list(HALVES), errors="ignore")
     if len(variables) == len(DIMS):
         merged = merged.drop_vars(list(ERRORS), errors="ignore")
-    return labelled(merged)
+    return labeled(merged)
 
 
 def _read(render: object, parameter: str) -> xr.Dataset:

@@ -25,7 +25,7 @@ from ..paths.window import KINDS, Window
 from ..runtime import backend, checks, variants
 from ..scenes.checking import check_view
 from ..scenes.loading import load_plugin, load_scene, require_sensor
-from ..signals.polarisation import components, scaled
+from ..signals.polarization import components, scaled
 
 # Largest number of paths in a list
 MOST_PATHS = 10_000
@@ -85,7 +85,7 @@ def paths_of(
     low = 0.0
     high = np.inf
     if opl is not None:
-        low, high = (checks.metres("opl", each) for each in checks.items("opl", opl, 2, "lengths"))
+        low, high = (checks.meters("opl", each) for each in checks.items("opl", opl, 2, "lengths"))
         checks.require("opl", (low, high), low < high, "(least, greatest), least below greatest")
 
     # Load the scene, and plan camera paths

@@ -326,7 +326,7 @@ def open_scene(settings: RenderSettings) -> tuple[mi.Scene, TransientIntegrator]
     camera = require_sensor(scene, settings.sensor)
     own = None if integrator is None else _integrator(scene, integrator)
     chosen = scene.integrator() if own is None else own
-    does = {name: getattr(chosen, f"follows_{name}", True) for name in ("media", "polarisation")}
+    does = {name: getattr(chosen, f"follows_{name}", True) for name in ("media", "polarization")}
     does["beams"] = follows_beams(chosen)
     check_scene(scene, camera, **does)
 

@@ -45,7 +45,7 @@ PAIRS = ("size", "width"), ("size", "height"), ("window", "start_opl"), ("window
 
 def start_and_width(window: object, bins: int, name: str = "window") -> tuple[float, float]:
     """Return the start and the bin width of a window (start, stop) [m]."""
-    start, stop = checks.interval(name, window, "'auto' or (start, stop) in metres")
+    start, stop = checks.interval(name, window, "'auto' or (start, stop) in meters")
     return start, (stop - start) / bins
 
 

@@ -18,7 +18,7 @@ from ..runtime.progress import ProgressBar
 from ..scenes.loading import load_plugin
 from .dataset import DIMS, coordinates
 from .job import film_of_light, sampler_for
-from .labels import labelled
+from .labels import labeled
 from .renderer import open_scene
 from .settings import RenderSettings
 from .window import check_window, windowed_film
@@ -173,7 +173,7 @@ def strategy_pyramid(
         "spp": points.sample_count(),
         "seed": seed,
     }
-    return labelled(xr.Dataset(variables, coordinates(film) | strategy, attrs))
+    return labeled(xr.Dataset(variables, coordinates(film) | strategy, attrs))
 
 
 def _picture(

@@ -208,14 +208,14 @@ def number(
     return found
 
 
-def metres(name: str, value: Any, *, positive: bool = False) -> float:
-    """Require a length in metres. It may be negative, as a position, unless `positive` is set."""
-    return number(name, value, unit="metres", positive=positive)
+def meters(name: str, value: Any, *, positive: bool = False) -> float:
+    """Require a length in meters. It may be negative, as a position, unless `positive` is set."""
+    return number(name, value, unit="meters", positive=positive)
 
 
 def width(name: str, value: Any) -> float:
-    """Require the width of a pulse or a bin in metres. Its inverse fits into single precision."""
-    return number(name, value, unit="metres", low=1 / MAX_OPL, high=MAX_OPL)
+    """Require the width of a pulse or a bin in meters. Its inverse fits into single precision."""
+    return number(name, value, unit="meters", low=1 / MAX_OPL, high=MAX_OPL)
 
 
 def resolved(name: str, width: float, *lengths: float) -> None:
@@ -244,28 +244,28 @@ def resolved(name: str, width: float, *lengths: float) -> None:
 
 
 def interval(
-    name: str, value: Any, allowed: str = "(start, stop) in metres"
+    name: str, value: Any, allowed: str = "(start, stop) in meters"
 ) -> tuple[float, float]:
-    """Require the start and the stop of path lengths in metres."""
+    """Require the start and the stop of path lengths in meters."""
     try:
         start, stop = value
     except (TypeError, ValueError):
         raise ValueError(f"{name} = {quote(value)}: must be {allowed}") from None
-    start = metres(f"{name}[0]", start)
-    stop = metres(f"{name}[1]", stop)
+    start = meters(f"{name}[0]", start)
+    stop = meters(f"{name}[1]", stop)
     if not start < stop < start + MAX_OPL:
         raise ValueError(f"{name} = {quote(value)}: must end after it starts, and not at infinity")
     return start, stop
 
 
 def point(name: str, value: Any, count: int = 3) -> list[float]:
-    """Require a point with `count` finite coordinates in metres."""
+    """Require a point with `count` finite coordinates in meters."""
     try:
-        numbers = [metres(name, each) for each in value]
+        numbers = [meters(name, each) for each in value]
     except (TypeError, ValueError):
         numbers = []
     valid = not isinstance(value, str) and len(numbers) == count
-    require(name, value, valid, f"{count} finite numbers of metres")
+    require(name, value, valid, f"{count} finite numbers of meters")
     return numbers
 
 

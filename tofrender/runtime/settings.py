@@ -61,7 +61,7 @@ def settings_of(described: type) -> dict[str, Setting]:
 
 
 def _check_length(name: str, value: Any) -> float:
-    return checks.metres(name, value, positive=True)
+    return checks.meters(name, value, positive=True)
 
 
 def _check_integrator(name: str, value: Any) -> Any:
@@ -80,7 +80,7 @@ class SceneSettings(TypedDict, total=False):
     height: Annotated[int | None, integer("Height of the picture [pixels]", 1, checks.MAX_SIZE)]
     temporal_bins: Annotated[int | None, integer("Number of time bins", 1, checks.MAX_BINS)]
     start_opl: Annotated[
-        float | None, Setting("Start of the first time bin, optical path length [m]", checks.metres)
+        float | None, Setting("Start of the first time bin, optical path length [m]", checks.meters)
     ]
     bin_width_opl: Annotated[
         float | None, Setting("Width of a time bin, optical path length [m]", _check_length)

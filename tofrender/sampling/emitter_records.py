@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from ..signals.colour import LUMINANCE
+from ..signals.color import LUMINANCE
 
 
 @dataclass

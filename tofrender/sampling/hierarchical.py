@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime import checks
-from ..signals.colour import luminance
+from ..signals.color import luminance
 from .images import latitude_longitude_weights, power_of_two, read_image, resized
 from .warps import unit_square
 

@@ -125,7 +125,7 @@ class Quad(Patch):
     ) -> None:
         matrix = affine(transform)
         try:
-            width, height = (checks.metres("size", each, positive=True) for each in size)
+            width, height = (checks.meters("size", each, positive=True) for each in size)
         except (TypeError, ValueError):
             allowed = "must be two finite numbers above 0"
             raise ValueError(f"size = {checks.quote(size)}: {allowed}") from None

@@ -67,7 +67,7 @@ class Sphere(Shape):
         if not 0 < scales[0] <= scales[2] * (1 + 1e-5):
             stretch = ", ".join(f"{each:.6g}" for each in scales)
             raise ValueError(f"transform: scales by {stretch}; must scale all directions alike")
-        self.radius = checks.metres("radius", radius, positive=True) * float(scales.mean())
+        self.radius = checks.meters("radius", radius, positive=True) * float(scales.mean())
         self.center = matrix[:3, :3] @ point("center", center) + matrix[:3, 3]
         self.area = 4 * math.pi * self.radius**2
         self.emission = emission_values(emission)

@@ -133,7 +133,7 @@ def lidar(
                 middle = _place(camera)[0]
                 middle -= np.ravel(sphere.center)
                 max_range = max(max_range, float(np.linalg.norm(middle)) + 3 * sphere.radius)
-    end_opl = 2 * checks.number("max_range", max_range, positive=True, unit="metres")
+    end_opl = 2 * checks.number("max_range", max_range, positive=True, unit="meters")
     checks.resolved("bin_width_opl", width, end_opl)
     bins = checks.integer("bins to max_range", math.ceil(end_opl / width), 1, checks.MAX_BINS)
 

@@ -34,7 +34,7 @@ from .light_transport import (
 from .moving import corridor, fan, moving_mirror
 from .nlos import nlos_behind_fog, nlos_bunny, nlos_patch, nlos_plane, nlos_z
 from .parts import Dict
-from .polarised import brewster_window, strained_mirror_corridor
+from .polarized import brewster_window, strained_mirror_corridor
 from .views import SAMPLER
 
 BUILT_IN: dict[str, Callable[..., Dict]] = {

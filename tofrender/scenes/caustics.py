@@ -89,7 +89,7 @@ def _empty_box(options: Mapping[str, Any], start_opl: float) -> Dict:
 
 def _lamp(center: Sequence[float], radius: float) -> Dict:
     """Return a spherical lamp of 11 W at a center [m] with a checked radius [m]."""
-    limits: Any = {"unit": "metres", "positive": True, "high": MAX_LAMP_RADIUS}
+    limits: Any = {"unit": "meters", "positive": True, "high": MAX_LAMP_RADIUS}
     return ball_light(center, checks.number("lamp_radius", radius, **limits), 11.0, LAMP_COLOR)
 
 
@@ -181,7 +181,7 @@ def _wall_with_hole(width: float) -> Dict:
 
     The blocks are 4 cm thick and reach one centimeter into the room's walls.
     """
-    limits: Any = {"unit": "metres", "positive": True, "high": MAX_HOLE_WIDTH}
+    limits: Any = {"unit": "meters", "positive": True, "high": MAX_HOLE_WIDTH}
     half = checks.number("hole_width", width, **limits) / 2
     x, y, z = HOLE_CENTER
 

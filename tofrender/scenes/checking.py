@@ -58,12 +58,12 @@ def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None, **supported: b
     Args:
         scene: The scene.
         sensor: The sensor to render, or None for all sensors of the scene.
-        **supported: Features that the integrator supports, the options of `require_modelled`.
+        **supported: Features that the integrator supports, the options of `require_modeled`.
 
     Raises:
         ValueError: If the scene is refused; one line.
     """
-    require_modelled(scene, sensor, **supported)
+    require_modeled(scene, sensor, **supported)
     require_usable(scene)
     require_sound(scene, sensor)
     require_extent(scene)
@@ -77,12 +77,12 @@ def check_view(scene: mi.Scene, sensor: mi.Sensor, **supported: bool) -> None:
     checks.instance("sensor", sensor, mi.Sensor, SENSOR)
 
 
-def require_modelled(
+def require_modeled(
     scene: mi.Scene,
     sensor: mi.Sensor | None = None,
     *,
     media: bool = False,
-    polarisation: bool = False,
+    polarization: bool = False,
     beams: bool = True,
 ) -> None:
     """Refuse a scene of another variant, and features that the integrator does not support.
@@ -91,7 +91,7 @@ def require_modelled(
         scene: The scene.
         sensor: The sensor to render, or None for all sensors of the scene.
         media: Whether the integrator supports participating media.
-        polarisation: Whether the integrator supports polarized variants.
+        polarization: Whether the integrator supports polarized variants.
         beams: Whether the integrator supports emitters that shine in one direction only, which
             paths from the camera cannot hit.
 
@@ -107,7 +107,7 @@ def require_modelled(
             f"scene: belongs to the variant {scene.variant_name()}, but the active variant is "
             f"{active}. Load the scene again"
         )
-    if mi.is_polarized and not polarisation:
+    if mi.is_polarized and not polarization:
         raise ValueError(
             f"variant = {active!r}: the integrator does not support polarization. "
             f"Use {active.replace('_polarized', '')}"

@@ -108,10 +108,10 @@ def veach(**options: Unpack[SteadyOptions]) -> Dict:
         0.005
     """
     scene = steady_scene([0, 4, 14], [0, 1.75, 0], 28, options, width=384, height=256) | {
-        "grey": diffuse([0.6, 0.6, 0.6]),
+        "gray": diffuse([0.6, 0.6, 0.6]),
         "black": diffuse([0, 0, 0]),
-        "floor": shape("rectangle", pose([0, -1.6, 0], X, -90, [12, 12, 1]), "grey"),
-        "back": shape("rectangle", pose([0, 4, -3.2], X, 0, [12, 6, 1]), "grey"),
+        "floor": shape("rectangle", pose([0, -1.6, 0], X, -90, [12, 12, 1]), "gray"),
+        "back": shape("rectangle", pose([0, 4, -3.2], X, 0, [12, 6, 1]), "gray"),
     }
 
     # The plates
@@ -242,15 +242,15 @@ def _monolith(options: SteadyOptions) -> Dict:
     """Return the room with the monolith, without its light."""
     return steady_scene([0.2, 1.3, 5.2], [0, 1.25, 0], 33, options) | {
         "black": diffuse([0, 0, 0]),
-        "grey": diffuse([0.6, 0.6, 0.6]),
+        "gray": diffuse([0.6, 0.6, 0.6]),
         "blue": diffuse([0.25, 0.4, 0.6]),
         "tiles": _plastic([0.5, 0.45, 0.4], 0.12),
         "stone": _plastic([0.03, 0.03, 0.035], 0.15),
         "floor": shape("rectangle", pose([0, 0, 0], X, -90, [2, 2.5, 1]), "tiles"),
-        "ceiling": shape("rectangle", pose([0, 2.7, 0], X, 90, [2, 2.5, 1]), "grey"),
-        "back": shape("rectangle", pose([0, 1.35, -1.8], X, 0, [2, 1.35, 1]), "grey"),
+        "ceiling": shape("rectangle", pose([0, 2.7, 0], X, 90, [2, 2.5, 1]), "gray"),
+        "back": shape("rectangle", pose([0, 1.35, -1.8], X, 0, [2, 1.35, 1]), "gray"),
         "left": shape("rectangle", pose([-2, 1.35, 0], Y, 90, [2.5, 1.35, 1]), "blue"),
-        "right": shape("rectangle", pose([2, 1.35, 0], Y, -90, [2.5, 1.35, 1]), "grey"),
+        "right": shape("rectangle", pose([2, 1.35, 0], Y, -90, [2.5, 1.35, 1]), "gray"),
         # Its sides have the ratio 1 : 4 : 9
         "monolith": shape("cube", pose([0.5, 0.9, -0.3], Y, -50, [0.4, 0.9, 0.1]), "stone"),
     }

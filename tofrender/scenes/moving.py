@@ -67,13 +67,13 @@ def fan(*, angular_speed: float = 40.0, **options: Unpack[TransientOptions]) -> 
         scene[f"blade-{k}"] = shape("cube", place, "blue") | spin | {"rotation_center": HUB.copy()}
     return scene | {
         "white": diffuse([0.8, 0.78, 0.74]),
-        "grey": diffuse([0.3, 0.3, 0.3]),
+        "gray": diffuse([0.3, 0.3, 0.3]),
         "blue": diffuse([0.1, 0.3, 0.6]),
         "flash": _flash(eye, 12.0),
         "wall": shape("rectangle", pose([0, 0, -0.8], Y, 0, [4, 4, 1]), "white"),
-        "hub": sphere(HUB, 0.13, "grey") | spin | {"rotation_center": HUB.copy()},
-        "stand": cylinder(0.0, -0.2, [-1.5, 0.0], 0.03, "grey"),
-        "motor": shape("cube", pose([0, 0, -0.18], Y, 0, [0.07, 0.07, 0.1]), "grey"),
+        "hub": sphere(HUB, 0.13, "gray") | spin | {"rotation_center": HUB.copy()},
+        "stand": cylinder(0.0, -0.2, [-1.5, 0.0], 0.03, "gray"),
+        "motor": shape("cube", pose([0, 0, -0.18], Y, 0, [0.07, 0.07, 0.1]), "gray"),
     }
 
 

@@ -57,7 +57,7 @@ def nlos_z(*, distance: float = 1.0, occluder: bool = True, **options: Any) -> D
         >>> scene["relay_wall"]["sensor"]["film"]["start_opl"]
         1.85
     """
-    z = checks.metres("distance", distance, positive=True)
+    z = checks.meters("distance", distance, positive=True)
     letter = letter_z_mesh(pose([0, 0, z], Y, 0, [1, 1, 1]), bsdf=_hidden_material(options))
     corners = letter_z()[0] + [0, 0, z]
     return _scene({"hidden_z": letter}, corners, occluder, **options)
@@ -90,7 +90,7 @@ def nlos_patch(
         >>> nlos_patch(tilt=45)["hidden_patch"]["type"]
         'rectangle'
     """
-    half = checks.metres("side", side, positive=True) / 2
+    half = checks.meters("side", side, positive=True) / 2
     where = checks.point("position", position)
     angle = checks.number("tilt", tilt, unit="degrees")
     checks.require("tilt", tilt, -90 < angle < 90, "between -90 and 90 degrees")
@@ -126,8 +126,8 @@ def nlos_plane(
         >>> [name for name in nlos_plane() if "hidden" in name]
         ['hidden_plane']
     """
-    z = checks.metres("distance", distance, positive=True)
-    half = checks.metres("half_width", half_width, positive=True)
+    z = checks.meters("distance", distance, positive=True)
+    half = checks.meters("half_width", half_width, positive=True)
     to_world = pose([0, 0, z], Y, 180, [half, half, 1])
     plane = {"type": "rectangle", "to_world": to_world, "bsdf": _hidden_material(options)}
     options = {"bin_width_opl": 0.012} | options
@@ -149,7 +149,7 @@ def nlos_bunny(*, distance: float = 1.0, occluder: bool = True, **options: Any) 
         >>> nlos_bunny()["relay_wall"]["sensor"]["film"]["bin_width_opl"]
         0.008
     """
-    z = checks.metres("distance", distance, positive=True)
+    z = checks.meters("distance", distance, positive=True)
     to_world = pose([0, -0.44, z], Y, BUNNY_TURN, [1, 1, 1])
     vertices = transformed(stored("bunny")[0], to_world)
     if not vertices[:, 2].min() > 0:

@@ -63,7 +63,7 @@ class Histogram:
         axis = dict(zip(AXIS, (start_opl, bin_width_opl), strict=True))
         if isinstance(counts, xr.Dataset | xr.DataArray):
             for name, value in axis.items():
-                checks.require(name, value, value is None, "None for labelled counts")
+                checks.require(name, value, value is None, "None for labeled counts")
             self.given = _as_dataset(counts)
             found = read(self.given, COUNTS, "counts")
             bins = bins_of(found, "counts", "bin")
@@ -72,7 +72,7 @@ class Histogram:
             self.pixels = {name: found[name].values for name in ("y", "x")}
             counts = found["counts"].values
         else:
-            self.start = checks.metres(AXIS[0], start_opl)
+            self.start = checks.meters(AXIS[0], start_opl)
             self.width = checks.width(AXIS[1], bin_width_opl)
         self.n = at_least_0("counts", counts)
         whole = self.n.ndim == 3 and self.n.size > 0
@@ -98,20 +98,20 @@ class Histogram:
         return known
 
 
-def _as_dataset(labelled: xr.Dataset | xr.DataArray) -> xr.Dataset:
+def _as_dataset(labeled: xr.Dataset | xr.DataArray) -> xr.Dataset:
     """Return counts as a Dataset of `Spad.histogram` has them.
 
     Axes of records of data sets have a prefix. The attributes of a record describe the film, not
     the sensor. Therefore the width of its bins comes from the coordinate alone.
     """
-    values: Any = labelled
-    if isinstance(labelled, xr.Dataset):
-        name = "counts" if "counts" in labelled else f"{SENSOR}counts"
-        if name not in labelled:
-            return labelled
-        values = labelled[name]
+    values: Any = labeled
+    if isinstance(labeled, xr.Dataset):
+        name = "counts" if "counts" in labeled else f"{SENSOR}counts"
+        if name not in labeled:
+            return labeled
+        values = labeled[name]
         if not any(str(dim).startswith(SENSOR) for dim in values.dims):
-            return labelled
+            return labeled
     time = bin_dimension("counts", values)
     if not _has_places(values, time) or values.sizes[time] < 2:
         raise ValueError(

@@ -155,7 +155,7 @@ class MultiZone:
         light = Light.of(renders)
         signal = self.crossed(np.einsum("zyx,pyxf->pzf", self.weights(light), light.radiance))
         counts = self.binned(self.responses(light.opl), signal)
-        return self._labelled(counts, renders)
+        return self._labeled(counts, renders)
 
     def measure(self, renders: xr.Dataset, seed: int = 0) -> xr.Dataset:
         """Return counts with photon noise, see `expected` for the argument and the result."""
@@ -189,7 +189,7 @@ class MultiZone:
         light = np.matmul(responses, by_zone).transpose(2, 0, 1)
         return self.floors[:, None] + self.gains[:, None] * light
 
-    def _labelled(self, counts: np.ndarray, renders: xr.Dataset) -> xr.Dataset:
+    def _labeled(self, counts: np.ndarray, renders: xr.Dataset) -> xr.Dataset:
         """Create a Dataset of counts (pose, zone, bin)."""
         coords = {name: renders[name] for name in ("pose",) if name in renders.coords}
         attrs = {"quantity": "counts", "units": "1", "bin_width_opl": self.bin_width_opl}

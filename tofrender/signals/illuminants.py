@@ -22,7 +22,7 @@ def white(wavelengths: Any) -> Any:
     return mi.UnpolarizedSpectrum(*map(mi.cie_d65, lanes))
 
 
-class Colours:
+class Colors:
     """Table of the colors of light sources, which can be evaluated as spectra.
 
     Args:

@@ -214,7 +214,7 @@ class SampledPulse:
             raise ValueError("values: all are 0; at least one must be above 0")
 
         # Normalize the density; the sum of large energies could overflow
-        self.start_opl = checks.metres("start_opl", start_opl)
+        self.start_opl = checks.meters("start_opl", start_opl)
         self.bin_width_opl = checks.width("bin_width_opl", bin_width_opl)
         energy = energy / energy.max()
         mass = energy / energy.sum()
@@ -339,7 +339,7 @@ class KnotPulse(SampledPulse):
         knots = checks.finite("opl", checks.real_array("opl", opl, np.float64))
         levels = checks.finite("values", checks.real_array("values", values, np.float64))
         rises = knots.ndim == 1 and knots.size > 1 and bool((np.diff(knots) > 0).all())
-        checks.require("opl", opl, rises, "2 or more offsets in metres that rise")
+        checks.require("opl", opl, rises, "2 or more offsets in meters that rise")
         checks.shape("values", levels, levels.shape == knots.shape, f"of {knots.size} numbers")
         checks.require("values", values, bool((levels > 0).all()), "above 0 at each knot")
         steps = checks.integer("steps", steps, 1, 1024)
@@ -420,7 +420,7 @@ def _read_table(path: Path) -> tuple[np.ndarray, float, float]:
     uneven = np.abs(opl - np.linspace(opl[0], opl[-1], opl.size)) > 0.01 * step
     if step <= 0 or uneven.any():
         worst = opl[np.argmax(uneven)] if step > 0 else opl[-1]
-        raise ValueError(f"opl = {worst:g}: opl must increase in even steps, here {step:g} metres")
+        raise ValueError(f"opl = {worst:g}: opl must increase in even steps, here {step:g} meters")
     return values, float(opl[0] - 0.5 * step), float(step)
 
 

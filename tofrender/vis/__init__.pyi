@@ -7,9 +7,9 @@ from .animation import (
 from .flight import gate_figure as gate_figure, light_in_flight as light_in_flight
 from .panels import phasor_panel as phasor_panel
 from .plans import plan_figure as plan_figure
-from .polarisation import (
-    polarisation_figure as polarisation_figure,
-    polarisation_picture as polarisation_picture,
+from .polarization import (
+    polarization_figure as polarization_figure,
+    polarization_picture as polarization_picture,
 )
 from .pyramid import pyramid_figure as pyramid_figure
 from .rates import range_velocity_map as range_velocity_map, velocity_map as velocity_map

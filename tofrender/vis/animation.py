@@ -155,7 +155,7 @@ def plot_pixel_transient(
         y: Row. For a cropped Dataset, a label of the coordinate y.
         start_opl: Start of the first bin [m]. By default the start of the Dataset.
         bin_width_opl: Width of a bin [m], above 0. By default the width of the Dataset.
-        quantity: "radiance per bin", or "radiance per metre" for a result of `render_transient`. By
+        quantity: "radiance per bin", or "radiance per meter" for a result of `render_transient`. By
             default the quantity of the Dataset, and "radiance per bin" for an array.
 
     Raises:

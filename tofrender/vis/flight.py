@@ -13,9 +13,9 @@ from ..labels import TRANSIENT
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
 from ..runtime.plots import color_bar, fit_height, percentile_range, wrap_text
-from ..signals.colour import luminance
+from ..signals.color import luminance
 from ..signals.units import opl_to_ns
-from .colours import hue_map, time_map
+from .colors import hue_map, time_map
 from .tone import auto_exposure, tonemap
 from .transient import Transient, explain_hatch, picture_aspect, pixel_axes, read_light
 
@@ -84,10 +84,10 @@ def light_in_flight(
     if style == "rainbow":
         color, scale, label = _rainbow(sequence, period_ns)
     elif style == "peak":
-        color, scale, extend = _colours_of_times(sequence.brightest()[1])
+        color, scale, extend = _colors_of_times(sequence.brightest()[1])
         label = "time of the brightest bin [ns]"
     else:
-        color, scale, extend = _colours_of_times(_mean_ns(sequence))
+        color, scale, extend = _colors_of_times(_mean_ns(sequence))
         label = "mean arrival time [ns]"
 
     # Multiply both
@@ -120,7 +120,7 @@ def _mean_ns(sequence: Transient) -> np.ndarray:
         return product / energy
 
 
-def _colours_of_times(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
+def _colors_of_times(time_ns: np.ndarray) -> tuple[np.ndarray, Any, str]:
     """Return colors (height, width, 3) from blue (early) to orange (late), and the color bar.
 
     The color bar is returned as its scale and its ends. The scale spans the 1st to the 99th
@@ -148,9 +148,9 @@ def _rainbow(sequence: Transient, period_ns: float | None) -> tuple[np.ndarray, 
     return color, _scale(0, period, hue_map()), label
 
 
-def _scale(low: float, high: float, colours: Any) -> Any:
+def _scale(low: float, high: float, colors: Any) -> Any:
     """Return the colors of numbers, for a color bar."""
-    return ScalarMappable(Normalize(low, high, clip=True), colours)
+    return ScalarMappable(Normalize(low, high, clip=True), colors)
 
 
 def _default_period_ns(sequence: Transient) -> float:
@@ -194,8 +194,8 @@ def gate_figure(
         't = 19.68 ± 0.10 ns, OPL = 5.900 ± 0.030 m'
     """
     # Check the arguments
-    opl = checks.metres("opl", opl)
-    width = checks.metres("pulse_width_opl", pulse_width_opl, positive=True)
+    opl = checks.meters("opl", opl)
+    width = checks.meters("pulse_width_opl", pulse_width_opl, positive=True)
     checks.text("title", title)
     image = checks.real_array("image", image)
     gain = auto_exposure(image) if exposure is None else exposure
@@ -208,7 +208,7 @@ def gate_figure(
     # Color bar, and the time and width of the gate
     grays = tonemap(np.linspace(0, 1, 256)[None], exposure=1)[0] / 255
     scale = _scale(0, 1 / gain, ListedColormap(grays.tolist()))
-    label = "radiance per metre [W m⁻³ sr⁻¹]"
+    label = "radiance per meter [W m⁻³ sr⁻¹]"
     extend = "max" if (image * gain > 1.0001).any() else "neither"
     time = _with_width(opl_to_ns(opl), opl_to_ns(width), "ns")
     when = f"t = {time}, OPL = {_with_width(opl, width, 'm')}"

@@ -101,7 +101,7 @@ def _bin_of(pyramid: xr.Dataset, opl: Any) -> int:
     bins = bins_of(pyramid, "pyramid")
     start = bins.start_opl
     stop = bins.stop_opl
-    opl = checks.metres("opl", opl)
+    opl = checks.meters("opl", opl)
     if not start <= opl < stop:
         raise ValueError(f"opl = {opl:g} m: must be in the bins, {start:g} m to {stop:g} m")
     return min(int((opl - start) / bins.bin_width_opl), bins.count - 1)

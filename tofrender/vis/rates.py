@@ -168,11 +168,11 @@ def velocity_map(
     axes = figure.add_subplot()
     x, y = (int(rate[axis][0]) for axis in "xy")
     extent = (x - 0.5, x + rate.shape[1] - 0.5, y + rate.shape[0] - 0.5, y - 0.5)
-    colours: Any = {"cmap": "RdBu_r", "vmin": -fastest, "vmax": fastest, "extent": extent}
-    shown = map_axes(axes, velocity, **colours)
+    scale: Any = {"cmap": "RdBu_r", "vmin": -fastest, "vmax": fastest, "extent": extent}
+    shown = map_axes(axes, velocity, **scale)
     meaning = str(rate.attrs.get("long_name", ""))
-    colors = "receding (red), approaching (blue)"
-    axes.set_title(wrap_text("\n".join(filter(None, [meaning, colors])), wide - 1))
+    directions = "receding (red), approaching (blue)"
+    axes.set_title(wrap_text("\n".join(filter(None, [meaning, directions])), wide - 1))
     beyond = "both" if (known > fastest).any() else "neither"
     color_bar(shown, axes, "velocity, half the rate [m/s]", extend=beyond)
     if title is not None:

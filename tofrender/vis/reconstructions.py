@@ -108,7 +108,7 @@ def reconstruction_figure(
     return grid.figure
 
 
-def _edges(centres: np.ndarray) -> tuple[float, float]:
+def _edges(centers: np.ndarray) -> tuple[float, float]:
     """Return the outer edges of voxels [m]."""
-    step = (centres[-1] - centres[0]) / (len(centres) - 1) if len(centres) > 1 else 1.0
-    return float(centres[0] - step / 2), float(centres[-1] + step / 2)
+    step = (centers[-1] - centers[0]) / (len(centers) - 1) if len(centers) > 1 else 1.0
+    return float(centers[0] - step / 2), float(centers[-1] + step / 2)

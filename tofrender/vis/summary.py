@@ -12,7 +12,7 @@ from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..runtime.plots import COLUMN, color_bar, percentile_range, wrap_text
 from ..runtime.progress import status
-from ..signals.colour import luminance
+from ..signals.color import luminance
 from ..signals.units import opl_to_ns
 from .tone import tonemap
 from .transient import Transient, explain_hatch, map_axes, picture_aspect, pixel_axes, time_axes

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..rendering.cubes import Cube
 from ..runtime import checks
-from .colours import to_srgb
+from .colors import to_srgb
 from .transient import Transient
 
 _SAMPLES = 1 << 21

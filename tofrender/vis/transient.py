@@ -15,7 +15,7 @@ from ..labels import LIGHT, TRANSIENT, bins_of, intensity, read, read_array, req
 from ..rendering.cubes import Cube, Place
 from ..rendering.dataset import DIMS, QUANTITIES
 from ..runtime import checks, plots
-from ..signals.colour import luminance
+from ..signals.color import luminance
 from ..signals.units import ns_to_opl, opl_to_ns
 
 if TYPE_CHECKING:
@@ -38,8 +38,8 @@ class Transient:
     def __post_init__(self) -> None:
         """Refuse values that no figure can show."""
         self.values = _cube("values", self.values)
-        self.start_opl = checks.metres("start_opl", self.start_opl)
-        self.bin_width_opl = checks.metres("bin_width_opl", self.bin_width_opl, positive=True)
+        self.start_opl = checks.meters("start_opl", self.start_opl)
+        self.bin_width_opl = checks.meters("bin_width_opl", self.bin_width_opl, positive=True)
         for name in ("x0", "y0"):
             checks.integer(name, getattr(self, name), -checks.MAX_SIZE, checks.MAX_SIZE)
         checks.instance("quantity", self.quantity, str, "text")

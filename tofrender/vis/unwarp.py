@@ -7,7 +7,7 @@ import xarray as xr
 
 from ..labels import FILM, bins_of, by_pixel, read, with_energy
 from ..rendering.cubes import Cube
-from ..rendering.labels import labelled
+from ..rendering.labels import labeled
 from ..runtime import checks, memory
 from ..runtime.progress import status
 
@@ -87,7 +87,7 @@ def unwarp_camera(dataset: Annotated[xr.Dataset, FILM], distance_m: Any) -> xr.D
     result = film.drop_dims("opl").assign(transient=moved, steady=film["steady"])
     result = result.assign_coords(opl=("opl", opl, name))[["transient", "steady"]]
     result.attrs = attrs
-    return labelled(result)
+    return labeled(result)
 
 
 def _shifted(cube: Cube, whole: np.ndarray, part: np.ndarray, bins: np.ndarray) -> np.ndarray:
@@ -154,5 +154,5 @@ def checked_distances(distance_m: Any, shape: tuple[int, ...]) -> np.ndarray:
     checks.shape("distance_m", distances, valid, f"{shape}, one number a pixel")
     wrong = distances[(distances < 0) | (np.isfinite(distances) & (distances > checks.MAX_OPL))]
     if wrong.size:
-        raise ValueError(f"distance_m contains {wrong[0]:g}: must be from 0 to 1e12 metres, or NaN")
+        raise ValueError(f"distance_m contains {wrong[0]:g}: must be from 0 to 1e12 meters, or NaN")
     return distances

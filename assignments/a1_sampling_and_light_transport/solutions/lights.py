@@ -60,9 +60,9 @@ class Triangle(Shape):
 class Sphere(Shape):
     """A sphere that emits outwards, sampled by the cone of directions that it fills."""
 
-    def __init__(self, centre=(0, 0, 0), radius=1.0, emission=0, *, transform=None):
+    def __init__(self, center=(0, 0, 0), radius=1.0, emission=0, *, transform=None):
         m = np.eye(4) if transform is None else np.asarray(transform, dtype=float).reshape(4, 4)
-        self.centre = m[:3, :3] @ np.asarray(centre, dtype=float) + m[:3, 3]
+        self.center = m[:3, :3] @ np.asarray(center, dtype=float) + m[:3, 3]
         self.radius = float(radius * abs(np.linalg.det(m[:3, :3])) ** (1 / 3))
         self.area = 4 * math.pi * self.radius**2
         self.emission = emission_values(emission)
@@ -83,27 +83,27 @@ class Sphere(Shape):
 
     def _cone(self, o):
         """Axis, sin(theta_max / 2)^2, and whether `o` is outside."""
-        to_centre = vector(self.centre) - o
-        far = dr.norm(to_centre)
+        to_center = vector(self.center) - o
+        far = dr.norm(to_center)
         outside = far > self.radius
         sine = dr.minimum(self.radius / far, 1)
         half = dr.sin(0.5 * dr.asin(sine))
-        axis = dr.select(far > 0, to_centre / far, mi.Vector3f(0, 0, 1))
+        axis = dr.select(far > 0, to_center / far, mi.Vector3f(0, 0, 1))
         return axis, dr.select(outside, dr.square(half), 1), outside
 
     def _meet(self, o, d, certain):
         """The point nearest to the center, and half a chord before (from inside, after) it."""
         _, q_max, outside = self._cone(o)
-        to_centre = vector(self.centre) - o
-        ahead = dr.dot(to_centre, d)
-        beside = to_centre - ahead * d
+        to_center = vector(self.center) - o
+        ahead = dr.dot(to_center, d)
+        beside = to_center - ahead * d
         chord2 = self.radius**2 - dr.squared_norm(beside)
         half = dr.sqrt(dr.maximum(chord2, 0))
         distance = dr.select(outside, ahead - half, ahead + half)
         n = dr.normalize(mi.Vector3f(dr.select(outside, -half, half) * d - beside))
         valid = (distance > 0) & (mi.Bool(certain) | (chord2 >= 0))
         pdf = 1 / (4 * dr.pi * q_max)
-        p = mi.Point3f(vector(self.centre) + self.radius * n)
+        p = mi.Point3f(vector(self.center) + self.radius * n)
         return self.filled(o, p, n, d, distance, pdf, valid)
 
 

@@ -113,7 +113,7 @@ class Sphere(Shape):
     although the cosine of the cone's angle is 1 in single precision.
 
     Args:
-        centre: Three numbers [m].
+        center: Three numbers [m].
         radius: Radius [m], above 0.
         emission: Radiance on the outside: a number, or three for R, G and B.
         transform: None, or 4 x 4 numbers that move the sphere: rotation, one scale for all
@@ -122,7 +122,7 @@ class Sphere(Shape):
 
     def __init__(
         self,
-        centre: Sequence[float] = (0, 0, 0),
+        center: Sequence[float] = (0, 0, 0),
         radius: float = 1.0,
         emission: Any = 0,
         *,

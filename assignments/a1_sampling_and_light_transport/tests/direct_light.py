@@ -20,13 +20,13 @@ FRAMES = {  # hints for directions in the wrong frame
     "PathTracerMIS": f"{LIGHTS_DIRECTION}; so does bsdf.pdf",
 }
 
-BALL = {"centre": np.array([1.2, 0.0, 1.0]), "radius": 0.5, "radiance": 4.0}
+BALL = {"center": np.array([1.2, 0.0, 1.0]), "radius": 0.5, "radiance": 4.0}
 
 
 def ball():
     """A sphere light."""
     return scenes.sphere(
-        BALL["centre"], BALL["radius"], scenes.BLACK, emitter=scenes.lamp(BALL["radiance"])
+        BALL["center"], BALL["radius"], scenes.BLACK, emitter=scenes.lamp(BALL["radiance"])
     )
 
 

@@ -133,11 +133,11 @@ def polygon_irradiance(corners, o, normal, radiance):
     return 0.5 * radiance * abs(total)
 
 
-def sphere_irradiance(centre, radius, o, normal, radiance):
+def sphere_irradiance(center, radius, o, normal, radiance):
     """Irradiance at o from a sphere that is above the horizon."""
-    to_centre = np.asarray(centre, float) - o
-    far = np.linalg.norm(to_centre)
-    return np.pi * radiance * (radius / far) ** 2 * (to_centre @ normal) / far
+    to_center = np.asarray(center, float) - o
+    far = np.linalg.norm(to_center)
+    return np.pi * radiance * (radius / far) ** 2 * (to_center @ normal) / far
 
 
 def disk_irradiance(radius, height, radiance):

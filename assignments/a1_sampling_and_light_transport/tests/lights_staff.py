@@ -18,15 +18,15 @@ def triangle(random, towards, *, emission=None):
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     if normal @ towards > 0:
         corners = corners[[0, 2, 1]]
-    return ["Triangle", [*corners.tolist(), colour(random) if emission is None else emission], {}]
+    return ["Triangle", [*corners.tolist(), color(random) if emission is None else emission], {}]
 
 
-def sphere(random, centre, radius):
+def sphere(random, center, radius):
     """A sphere."""
-    return ["Sphere", [np.asarray(centre).tolist(), float(radius), colour(random)], {}]
+    return ["Sphere", [np.asarray(center).tolist(), float(radius), color(random)], {}]
 
 
-def colour(random):
+def color(random):
     """Three different radiances."""
     return (random.permutation([1.0, 2.5, 5.0]) * random.uniform(0.6, 1.5)).tolist()
 
@@ -104,9 +104,9 @@ def _triangle(arguments, o, v):
 
 
 def _sphere(arguments, o, v):
-    centre = np.array(arguments[0])
+    center = np.array(arguments[0])
     radius = arguments[1]
-    to = centre - o
+    to = center - o
     far = np.linalg.norm(to, axis=1)
     ahead = np.sum(to * v, axis=1)
     chord2 = radius**2 - np.sum((to - ahead[:, None] * v) ** 2, axis=1)
@@ -114,7 +114,7 @@ def _sphere(arguments, o, v):
     outside = far > radius
     t = np.where(outside, ahead - half, ahead + half)
     hit = (chord2 >= 0) & (t > 0)
-    n = (o + t[:, None] * v - centre) / radius
+    n = (o + t[:, None] * v - center) / radius
     quotient = np.minimum(radius / far, 1)
     pdf = np.where(outside, formulas.cone_pdf(quotient, 1.0), 0.25 / np.pi)
     clear = np.abs(chord2) > 0.02 * radius**2

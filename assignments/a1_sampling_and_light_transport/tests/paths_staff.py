@@ -35,7 +35,7 @@ def ask(submission, integrator, parameters, scene, o, d, *, seeds=16, spp=1024, 
     return came | {"spp": spp}
 
 
-def colour(random, low, high):
+def color(random, low, high):
     """Three numbers that differ."""
     return low + (high - low) * (random.permutation(3) + random.uniform(0, 1, 3)) / 3
 
@@ -74,10 +74,10 @@ def check_furnace(submission, integrator, noise):
     """Inside a sphere around a ball that emits and reflects, bounce by bounce."""
     random = submission.random
     radius = float(random.uniform(0.32, 0.42))
-    wall = colour(random, 0.4, 0.9)
-    ball = colour(random, 0.1, 0.3)
+    wall = color(random, 0.4, 0.9)
+    ball = color(random, 0.1, 0.3)
     wall[np.argmax(wall)] = random.uniform(0.98, 1)  # Long paths bring a good part
-    emission = colour(random, 0.5, 3)
+    emission = color(random, 0.5, 3)
     scene = scenes.scene(
         wall=scenes.sphere([0, 0, 0], 1.0, matte(wall), flip_normals=True),
         ball=scenes.sphere([0, 0, 0], radius, matte(ball), emitter=lamp(emission)),
@@ -129,7 +129,7 @@ def check_lights(submission, integrator, noise):
     """A floor under lights of all kinds, in the dark, and lights from both sides."""
     random = submission.random
     meets_points = integrator != "PathTracerMats"
-    albedo = colour(random, 0.2, 0.9)
+    albedo = color(random, 0.2, 0.9)
     phi = random.uniform(0, 2 * np.pi) + np.array([0, 2, 4]) * np.pi / 3
     out = np.stack([np.cos(phi), np.sin(phi), 0 * phi], axis=1)
     ball = 2.6 * out[0] + random.uniform(1.2, 2) * UP
@@ -142,8 +142,8 @@ def check_lights(submission, integrator, noise):
     second = np.array([0.5, 0.3, -3.0])
     sun = -out[2] - random.uniform(0.7, 2) * UP
     sun /= np.linalg.norm(sun)
-    strength = [colour(random, 1, 5) for _ in range(6)]
-    plate = colour(random, 0.3, 1)
+    strength = [color(random, 1, 5) for _ in range(6)]
+    plate = color(random, 0.3, 1)
     alpha = float(random.uniform(0.3, 0.6))
     rough = {
         "type": "roughconductor",
@@ -249,8 +249,8 @@ def rough_mirror(wi, wo, alpha):
 def check_sky(submission, integrator, noise):
     """Materials of all kinds, each alone under a sky; and the sky."""
     random = submission.random
-    sky = colour(random, 0.5, 3)
-    albedo = colour(random, 0.2, 0.9)
+    sky = color(random, 0.5, 3)
+    albedo = color(random, 0.2, 0.9)
     alpha = float(random.uniform(0.3, 0.6))
     ior = float(random.uniform(1.3, 1.9))
     rough = {"type": "roughconductor", "material": "none", "alpha": alpha, "distribution": "ggx"}
@@ -327,8 +327,8 @@ def fresnel(angle, ior):
 def check_light_by_a_mirror(submission, integrator):
     """A light that faces a mirror, and a floor that it lights only by way of that."""
     random = submission.random
-    albedo = colour(random, 0.3, 0.9)
-    emission = colour(random, 1, 5)
+    albedo = color(random, 0.3, 0.9)
+    emission = color(random, 1, 5)
     wall = random.uniform(1.7, 2.3)
     light = random.uniform(0.4, 0.6)
     size = random.uniform(0.5, 0.8, 2)

@@ -126,9 +126,9 @@ def _answer(plugin, scene, o, d, seeds, spp, seed):
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, count)
     ray = mi.RayDifferential3f(mi.Point3f(lanes[0]), lanes[1])
-    colour, met, others = plugin.sample(scene, sampler, ray, None, mi.Bool(True))
-    dr.eval(colour, met)
-    values = _rows(mi.Color3f(colour), count).reshape(len(o), seeds, spp, 3)
+    color, met, others = plugin.sample(scene, sampler, ray, None, mi.Bool(True))
+    dr.eval(color, met)
+    values = _rows(mi.Color3f(color), count).reshape(len(o), seeds, spp, 3)
     return {
         "radiance": values.mean(axis=2).swapaxes(0, 1),
         "deviation": values.reshape(len(o), -1, 3).std(axis=1),

@@ -45,9 +45,9 @@ def disk(origin, z, radius, bsdf, **more):
     return {"type": "disk", "to_world": frame(origin, z, radius), "bsdf": bsdf, **more}
 
 
-def sphere(centre, radius, bsdf, **more):
+def sphere(center, radius, bsdf, **more):
     """A sphere."""
-    return {"type": "sphere", "center": list(centre), "radius": radius, "bsdf": bsdf, **more}
+    return {"type": "sphere", "center": list(center), "radius": radius, "bsdf": bsdf, **more}
 
 
 def floor(albedo=0.8, size=50.0):

@@ -55,10 +55,10 @@ def test_drawn_lids(submission):
     wanted = np.concatenate([open_part, np.ones(4), [(1 + normal[2]) / 2]])
     hint = "any surface hides the sky, on the side of the shading normal that the camera sees"
     what = "openness of plates under lids, of their backs, and with tilted shading normals"
-    grey = came["radiance"][:, :9]
+    gray = came["radiance"][:, :9]
     same = "L is the same in each channel"
-    expect.close(grey, grey[..., :1] * np.ones(3), "openness in all channels", hint=same)
-    expect.estimate(grey.mean(axis=2), wanted, what, rounding=5e-3, hint=hint)
+    expect.close(gray, gray[..., :1] * np.ones(3), "openness in all channels", hint=same)
+    expect.estimate(gray.mean(axis=2), wanted, what, rounding=5e-3, hint=hint)
     expect.close(came["radiance"][:, 9], 0.0, "value where there is no surface, but a sky")
     expect.close(came["met"][:9], 1.0, "lanes that met a surface")
     in_the_open = np.max(came["deviation"][4:8])

@@ -11,11 +11,11 @@ pytestmark = pytest.mark.a1_lights
 CORNERS = np.array([[-1.0, 0.2, 2.0], [1.5, -0.5, 2.5], [0.3, 1.8, 3.0]])  # its light goes to +z
 FLIPPED = CORNERS[[0, 2, 1]]
 TRIANGLE = ["Triangle", [FLIPPED.tolist()[0], *FLIPPED.tolist()[1:], 3.0], {}]
-CENTRE = np.array([0.5, -0.4, 2.0])
+CENTER = np.array([0.5, -0.4, 2.0])
 RADIUS = formulas.inputs.number("radius", 0.7, low=0.6, high=0.8)
-SPHERE = ["Sphere", [CENTRE.tolist(), RADIUS, 2.0], {}]
+SPHERE = ["Sphere", [CENTER.tolist(), RADIUS, 2.0], {}]
 ORIGIN = np.array([0.1, 0.2, -0.3])
-INSIDE = CENTRE + np.array([0.2, 0.1, 0.3])
+INSIDE = CENTER + np.array([0.2, 0.1, 0.3])
 COUNT = 60_000
 
 
@@ -108,7 +108,7 @@ def test_triangle_density(submission):
 def test_sphere_samples(submission):
     """Directions are uniform in the cone that the sphere fills, from outside and inside."""
     record = sampled(submission, SPHERE)
-    axis = CENTRE - ORIGIN
+    axis = CENTER - ORIGIN
     far = np.linalg.norm(axis)
     u = in_cone(axis, np.sqrt(1 - (RADIUS / far) ** 2), record["d"])
     expect.true(
@@ -125,7 +125,7 @@ def test_sphere_samples(submission):
     wanted = formulas.cone_pdf(RADIUS, far)
     hint = "1 / (2 pi (1 - cos(theta_max))), without a geometry factor"
     expect.close(record["pdf"], wanted, "pdf of sampled directions", rtol=1e-3, hint=hint)
-    beside = np.linalg.norm(record["p"] - CENTRE, axis=1)
+    beside = np.linalg.norm(record["p"] - CENTER, axis=1)
     expect.close(beside, RADIUS, "distance of p from the center", atol=2e-3)
     check_points(record, ORIGIN, "a sphere")
     inside = sampled(submission, SPHERE, INSIDE)
@@ -135,7 +135,7 @@ def test_sphere_samples(submission):
 
 def test_sphere_density(submission):
     """The density of given directions: hits, misses, from inside."""
-    axis = CENTRE - ORIGIN
+    axis = CENTER - ORIGIN
     far = np.linalg.norm(axis)
     normal = np.cross(axis, [1.0, 0.0, 0.0])
     normal /= np.linalg.norm(normal)
@@ -205,7 +205,7 @@ def test_irradiance(submission):
     o = np.zeros(3)
     normal = np.array([0.0, 0.6, 0.8])
     second = ["Sphere", [[-2.0, 1.0, 3.0], 0.4, 7.0], {}]
-    spheres = formulas.sphere_irradiance(CENTRE, RADIUS, o, normal, 2.0)
+    spheres = formulas.sphere_irradiance(CENTER, RADIUS, o, normal, 2.0)
     spheres += formulas.sphere_irradiance([-2, 1, 3], 0.4, o, normal, 7.0)
     cases = {
         "a triangle": (TRIANGLE, formulas.polygon_irradiance(FLIPPED, o, normal, 3.0)),

@@ -151,10 +151,10 @@ def test_transformed_sphere(submission):
     move = random.uniform(-2, 2, 3)
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = scale * lights.turn(random), move
-    centre = random.uniform(-1, 1, 3)
+    center = random.uniform(-1, 1, 3)
     radius = random.uniform(0.3, 0.6)
-    light = lights.sphere(random, centre, radius)
-    moved = matrix[:3, :3] @ centre + move
+    light = lights.sphere(random, center, radius)
+    moved = matrix[:3, :3] @ center + move
     plain = [light[0], [moved.tolist(), scale * radius, light[1][2]], {}]
     o = moved + scale * radius * random.uniform(1.5, 4, (400, 1)) * drawn.directions(random, 400)
     v = moved + 0.7 * scale * radius * random.normal(size=(400, 3)) - o

@@ -65,7 +65,7 @@ def test_curved_surface(submission):
     expect.close(came, wanted, "radiance of a sphere", rtol=2e-3, atol=2e-3, hint=hint)
 
 
-def test_colour_of_the_energy(submission):
+def test_color_of_the_energy(submission):
     """Energy as three numbers, and a ray that meets nothing."""
     came = look(submission, scenes.scene(floor=scenes.floor()), GROUND[:2], [10.0, 20.0, 40.0])
     expect.close(came[:, 0], came[:, 2] / 4, "red of an energy (10, 20, 40)", rtol=1e-3)

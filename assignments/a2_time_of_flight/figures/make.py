@@ -45,16 +45,16 @@ def pulse_and_bins():
     t = np.linspace(edges[0], edges[-1], 500)
     density = np.exp(-0.5 * ((t - opl) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.3), layout="constrained")
-    centres = edges[:-1] + width / 2
-    left.bar(centres, mass / width, width * 0.94, color="0.85", label="mass of the bin / w")
+    centers = edges[:-1] + width / 2
+    left.bar(centers, mass / width, width * 0.94, color="0.85", label="mass of the bin / w")
     left.plot(t, density, color="tab:blue", label="p(t - opl)")
-    read = np.exp(-0.5 * ((centres - opl) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
-    left.plot(centres, read, "o", color="tab:orange", label="gate at the centre")
+    read = np.exp(-0.5 * ((centers - opl) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
+    left.plot(centers, read, "o", color="tab:orange", label="gate at the center")
     left.set(xlabel="optical path length [m]", ylabel="density [1/m]", ylim=(0, 17))
     left.set_title("one path of 6.013 m, σ = 30 mm, w = 20 mm")
     left.legend(loc="upper left", fontsize=9)
     error = 100 * (read * width / mass - 1)
-    right.bar(centres, error, width * 0.94, color="tab:orange")
+    right.bar(centers, error, width * 0.94, color="tab:orange")
     right.axhline(0, color="black", lw=0.8)
     right.set(xlabel="optical path length [m]", ylabel="error [%]")
     right.set_title("gate times w, compared with the bin's mass")
@@ -83,7 +83,7 @@ def wavefronts():
         response = cube[y - 2 : y + 3, x - 2 : x + 3].mean(axis=(0, 1))
         (line,) = right.plot(tofrender.opl_to_ns(opl), response[:, 0], label=name)
         left.plot(x, y, "o", color=line.get_color(), markeredgecolor="white", markersize=8)
-    right.set(xlabel="time [ns]", ylabel=f"red radiance per metre\n[{RADIANCE} m$^{{-1}}$]")
+    right.set(xlabel="time [ns]", ylabel=f"red radiance per meter\n[{RADIANCE} m$^{{-1}}$]")
     right.set_xlim(14, 32)
     right.legend()
     return figure
@@ -150,11 +150,11 @@ def wrapping():
     middle.legend(fontsize=8.5, loc="upper left")
 
     truth = 5.0
-    for row, (frequency, colour) in enumerate(((20e6, "tab:blue"), (50e6, "tab:orange"))):
+    for row, (frequency, color) in enumerate(((20e6, "tab:blue"), (50e6, "tab:orange"))):
         reach = unambiguous_range(frequency)
         rungs = np.arange(truth % reach, 15.2, reach)
-        right.plot(rungs, np.full(rungs.size, row), "|", ms=28, mew=3, color=colour)
-        right.plot(rungs[:1], [row], "o", color=colour, ms=7)
+        right.plot(rungs, np.full(rungs.size, row), "|", ms=28, mew=3, color=color)
+        right.plot(rungs[:1], [row], "o", color=color, ms=7)
     right.axvline(truth, color="0.5", ls=":")
     right.set(yticks=[0, 1], yticklabels=["20 MHz", "50 MHz"], ylim=(-0.7, 1.7), xlim=(0, 15))
     right.set(xlabel="depths that agree with the phase [m]", title="the ladders meet at 5 m only")
@@ -261,7 +261,7 @@ def confocal_setting():
         "hidden bounce only": ({"use_nlos_only": True}, "tab:blue", 1.4),
         "five bounces": ({"filter_bounces": 5}, "tab:orange", 1.2),
     }
-    for name, (options, colour, line) in settings.items():
+    for name, (options, color, line) in settings.items():
         spot = {"spot_sigma": 0.005, "account_first_and_last_bounces": True}
         captured = tofrender.capture(
             confocal(described, **spot | options), spp=1 << 16, progress=False
@@ -269,7 +269,7 @@ def confocal_setting():
         light = captured["transient"].values[0, 0, :, 0]
         opl = captured["opl"].values
         light = np.where(light > 0, light, 1e-12)
-        right.step(opl, light, where="mid", color=colour, lw=line, label=name)
+        right.step(opl, light, where="mid", color=color, lw=line, label=name)
     d = float(np.hypot(0.5, 0.25))
     for where, text in ((2 * d, "2d"), (2 * d + 2, "2d + 2r")):
         right.axvline(where, color="0.5", ls=":")

@@ -9,10 +9,10 @@ def absorb(
     transient_data: np.ndarray, mu_a: float, start_opl: float, bin_width_opl: float
 ) -> np.ndarray:
     """exp(-x) at the bin's center, times the mean of exp over the offsets from the center."""
-    centre = start_opl + (np.arange(np.shape(transient_data)[2]) + 0.5) * bin_width_opl
+    center = start_opl + (np.arange(np.shape(transient_data)[2]) + 0.5) * bin_width_opl
     half = mu_a * bin_width_opl / 2
     around = np.sinh(half) / half if half > 1e-6 else 1.0
-    return np.einsum("yxtc,t->yxtc", transient_data, around * np.exp(-mu_a * centre))
+    return np.einsum("yxtc,t->yxtc", transient_data, around * np.exp(-mu_a * center))
 
 
 def sample_turn(xi: np.ndarray, g: float) -> np.ndarray:
@@ -59,7 +59,7 @@ def rotated(d, cosine, azimuth):
     return new / np.linalg.norm(new, axis=0)
 
 
-def through_polariser(stokes: np.ndarray, angle: float) -> np.ndarray:
+def through_polarizer(stokes: np.ndarray, angle: float) -> np.ndarray:
     """Turn to the axis, pass, turn back."""
     passes = np.zeros((4, 4))
     passes[:2, :2] = 0.5

@@ -98,9 +98,9 @@ class FilmIntegrator(mi.SamplingIntegrator):
                 self.spread(film, put, sampler, spectrum, opl, active)
 
         L, _ = self.sample(scene, sampler, camera.ray, deposit, camera.origin)
-        colour = L * camera.weight
+        color = L * camera.weight
         image = film.steady.create_block()
-        image.put(camera.position, [colour.x, colour.y, colour.z, mi.Float(1)])
+        image.put(camera.position, [color.x, color.y, color.z, mi.Float(1)])
         film.steady.put_block(image)
         film.steady.schedule_storage()
         dr.eval(film.bins.sums)

@@ -61,7 +61,7 @@ def wander(
     raise NotImplementedError("a2.fog: wander")
 
 
-def through_polariser(stokes: np.ndarray, angle: float) -> np.ndarray:
+def through_polarizer(stokes: np.ndarray, angle: float) -> np.ndarray:
     """Light behind an ideal linear polarizer.
 
     Args:
@@ -72,4 +72,4 @@ def through_polariser(stokes: np.ndarray, angle: float) -> np.ndarray:
     Returns:
         Stokes vectors, an array of the same shape.
     """
-    raise NotImplementedError("a2.fog: through_polariser")
+    raise NotImplementedError("a2.fog: through_polarizer")

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scenes_staff import (
     blocked,
-    colour,
+    color,
     diffuse,
     fresnel,
     ggx,
@@ -117,7 +117,7 @@ def several_lights(random):
             "spot": {
                 "type": "spot",
                 "to_world": down,
-                "intensity": colour(intensities[2]),
+                "intensity": color(intensities[2]),
                 "cutoff_angle": 60.0,
                 "beam_width": 55.0,
             },
@@ -187,11 +187,11 @@ def materials(random):
 
         bsdf, parts = (
             (
-                rough | {"specular_reflectance": colour(tint)},
+                rough | {"specular_reflectance": color(tint)},
                 [(tint, by_area(eye, plate, metal))],
             ),
             (
-                coat | {"diffuse_reflectance": colour(tint)},
+                coat | {"diffuse_reflectance": color(tint)},
                 [(fresnel(wi[2], eta), (1, whole)), (tint, by_area(eye, plate, base))],
             ),
             (mirror, [(1, (1, whole))]),

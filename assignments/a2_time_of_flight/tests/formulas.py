@@ -142,7 +142,7 @@ def confocal_sphere(vertices, radius, albedo, power) -> float:
 # -------------------------------------------------------------------------- around the corner
 
 
-def patch(centre, tilt, azimuth, half, cells=60):
+def patch(center, tilt, azimuth, half, cells=60):
     """Points, normals and areas of a rectangle that faces -z and is then turned by `tilt`.
 
     Returns also the 4 x 4 matrix that makes it of the square [-1, 1]².
@@ -154,10 +154,10 @@ def patch(centre, tilt, azimuth, half, cells=60):
     normal = np.cross(u, v)
     s = (2 * np.arange(cells) + 1) / cells - 1
     s, t = (each.ravel() for each in np.meshgrid(s, s))
-    points = np.asarray(centre, float) + np.outer(s * half[0], u) + np.outer(t * half[1], v)
+    points = np.asarray(center, float) + np.outer(s * half[0], u) + np.outer(t * half[1], v)
     area = 4 * half[0] * half[1] / cells**2
     matrix = np.eye(4)
-    matrix[:3] = np.stack([u * half[0], v * half[1], normal, np.asarray(centre)], axis=1)
+    matrix[:3] = np.stack([u * half[0], v * half[1], normal, np.asarray(center)], axis=1)
     return points, normal, area, matrix
 
 
@@ -267,7 +267,7 @@ def wandered(mu_s, g, s) -> np.ndarray:
     return np.array([(1 - math.exp(-a * s)) / a, across, across, along])
 
 
-def polarised(stokes, angle) -> np.ndarray:
+def polarized(stokes, angle) -> np.ndarray:
     """Behind a polarizer: the part that passes, all of it along the axis."""
     s0, s1, s2 = (np.asarray(stokes, float)[..., k] for k in range(3))
     axis = np.array([1, math.cos(2 * angle), math.sin(2 * angle), 0])

@@ -18,8 +18,8 @@ class Patch:
         part: Dict for `described`.
     """
 
-    def __init__(self, centre, half, albedo, tilt=0.0, azimuth=0.0, cells=24):
-        self.points, self.normal, self.area, matrix = patch(centre, tilt, azimuth, half, cells)
+    def __init__(self, center, half, albedo, tilt=0.0, azimuth=0.0, cells=24):
+        self.points, self.normal, self.area, matrix = patch(center, tilt, azimuth, half, cells)
         self.albedo = np.asarray(albedo)
         self.part = {"type": "rectangle", "to_world": matrix, "bsdf": diffuse(albedo)}
 
@@ -72,9 +72,9 @@ def lit_points(random, number):
         yield p, eye, float(np.linalg.norm(eye - p))
 
 
-def facing(centre, point):
-    """Tilt and azimuth [degrees] of a `patch` at `centre` that faces a point."""
-    n = unit(np.subtract(point, centre))
+def facing(center, point):
+    """Tilt and azimuth [degrees] of a `patch` at `center` that faces a point."""
+    n = unit(np.subtract(point, center))
     return {
         "tilt": math.degrees(math.acos(-n[2])),
         "azimuth": math.degrees(math.atan2(n[1], n[0])),

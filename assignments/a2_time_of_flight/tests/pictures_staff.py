@@ -19,7 +19,7 @@ def drawn_view(random):
     whole = (left + width + right, above + height + below + 1)
     fov = float(random.uniform(40, 65))
     over = formulas.OVER
-    colours = random.uniform(0.3, 1.0, (2, 3))
+    colors = random.uniform(0.3, 1.0, (2, 3))
 
     def value(weight):
         means = formulas.over_pixels(
@@ -28,12 +28,12 @@ def drawn_view(random):
             fov,
             *whole,
         )[..., above : above + height, left : left + width]
-        return means[..., None] * colours.prod(axis=0)
+        return means[..., None] * colors.prod(axis=0)
 
     near = float(random.uniform(0.2, 0.6))
     crop = (left, above, width, height)
     view = {"fov": fov, "size": whole, "crop": crop, "near_clip": near}
-    return over | view, colours, value
+    return over | view, colors, value
 
 
 def expect_pictures(came, wanted, what, most, is_single=True, hint=""):

@@ -174,9 +174,9 @@ def gates(theirs, scene, view, bins, pulse, spp, seed, max_depth, **options):
     )
 
 
-def gate_pictures(theirs, view, colours, pulse, gates, time, spp, seed):
+def gate_pictures(theirs, view, colors, pulse, gates, time, spp, seed):
     """Pictures of `render_at_time` and cubes of `render_transient`, see `_pictures`."""
-    scene = world("lamp", view, colours=colours)
+    scene = world("lamp", view, colors=colors)
     integrator = _gated(theirs, pulse, max_depth=2)
     sensor = scene.sensors()[0]
     names = ("temporal_bins", "start_opl", "bin_width_opl")
@@ -242,9 +242,9 @@ def amcw_along_ray(theirs, scene, view, origin, target, ramps, max_depth):
     return values
 
 
-def amcw_pictures(theirs, view, colours, ramp, spp, seed):
+def amcw_pictures(theirs, view, colors, ramp, spp, seed):
     """Pictures of `render_single_amcw`, see `_pictures`."""
-    scene = world("lamp", view, colours=colours)
+    scene = world("lamp", view, colors=colors)
     integrator = theirs.AMCWTransientPath(properties(max_depth=2))
     integrator.set_modulation(worlds.Ramp(*ramp))
 
@@ -413,5 +413,5 @@ def clouds(theirs, seed, mu_s, g, opl, count):
     return np.array(each), p
 
 
-def behind_polariser(theirs, stokes, angle):
-    return theirs.through_polariser(stokes, angle)
+def behind_polarizer(theirs, stokes, angle):
+    return theirs.through_polarizer(stokes, angle)

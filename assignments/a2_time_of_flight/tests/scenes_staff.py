@@ -9,37 +9,37 @@ import numpy as np
 # ------------------------------------------------------------------------------------- parts
 
 
-def colour(value):
+def color(value):
     """Three channels."""
     return {"type": "rgb", "value": np.broadcast_to(np.asarray(value, float), 3)}
 
 
 def diffuse(albedo):
-    return {"type": "diffuse", "reflectance": colour(albedo)}
+    return {"type": "diffuse", "reflectance": color(albedo)}
 
 
-def placed(centre, right, up, half):
+def placed(center, right, up, half):
     """The matrix of a rectangle [-1, 1]² with its center, axes of length 1 and half sizes."""
     matrix = np.eye(4)
     matrix[:3] = np.stack(
-        [np.multiply(right, half[0]), np.multiply(up, half[1]), np.cross(right, up), centre], axis=1
+        [np.multiply(right, half[0]), np.multiply(up, half[1]), np.cross(right, up), center], axis=1
     )
     return matrix
 
 
-def square(centre, half, bsdf, down=False, **more):
+def square(center, half, bsdf, down=False, **more):
     """A horizontal square that faces up, or down."""
     up = (0, -1, 0) if down else (0, 1, 0)
     return {
         "type": "rectangle",
-        "to_world": placed(centre, (1, 0, 0), up, (half, half)),
+        "to_world": placed(center, (1, 0, 0), up, (half, half)),
         "bsdf": bsdf,
         **more,
     }
 
 
 def point(position, intensity):
-    return {"type": "point", "position": np.asarray(position), "intensity": colour(intensity)}
+    return {"type": "point", "position": np.asarray(position), "intensity": color(intensity)}
 
 
 def sphere(radius, albedo, **more):
@@ -59,7 +59,7 @@ def panel(height, radius, radiance):
         "type": "disk",
         "to_world": placed((0, 0, height), (1, 0, 0), (0, -1, 0), (radius, radius)),
         "bsdf": diffuse(0.0),
-        "emitter": {"type": "area", "radiance": colour(radiance)},
+        "emitter": {"type": "area", "radiance": color(radiance)},
     }
 
 
@@ -121,15 +121,15 @@ def on_panel(height, radius, rings=120, turns=240):
     return points, math.pi * radius**2 / r.size
 
 
-def blocked(a, b, centre, right, up, half):
+def blocked(a, b, center, right, up, half):
     """Whether segments from a to b, arrays of points that broadcast, meet a rectangle."""
     a, b = np.broadcast_arrays(np.asarray(a, float), np.asarray(b, float))
     normal = np.cross(right, up)
-    from_a = (a - centre) @ normal
-    from_b = (b - centre) @ normal
+    from_a = (a - center) @ normal
+    from_b = (b - center) @ normal
     with np.errstate(all="ignore"):
         t = from_a / (from_a - from_b)
-        meets = a + t[..., None] * (b - a) - centre
+        meets = a + t[..., None] * (b - a) - center
         inside = (np.abs(meets @ np.asarray(right)) < half[0]) & (
             np.abs(meets @ np.asarray(up)) < half[1]
         )

@@ -34,10 +34,10 @@ def test_long_paths(submission):
 def test_pictures(submission):
     """Pictures of any size, in color, by a modulation of any slope."""
     random = submission.random
-    view, colours, value = drawn_view(random)
+    view, colors, value = drawn_view(random)
     ramp = random.uniform(0.2, 1.0), random.uniform(0.1, 0.5)
     came = submission.ask(
-        "amcw_pictures", view=view, colours=colours, ramp=ramp, spp=1024, seed=submission.seed
+        "amcw_pictures", view=view, colors=colors, ramp=ramp, spp=1024, seed=submission.seed
     )
     wanted = value(lambda light, opl: light * (ramp[0] + ramp[1] * opl))
     expect_pictures(came, wanted, "picture of render_single_amcw", 0.008)

@@ -18,8 +18,8 @@ def test_any_beam(submission):
     wall = random.uniform(0.4, 0.9, 3)
     p = np.array([*random.uniform(-0.1, 0.1, 2), 0.0])
     eye = p + random.uniform([-0.08, -0.05, 0.3], [-0.02, 0.05, 0.4])
-    centre = p + random.uniform([0.15, -0.1, 0.3], [0.2, 0.1, 0.35])
-    hidden = Patch(centre, (0.15, 0.1), random.uniform(0.3, 0.9, 3), cells=14, **facing(centre, p))
+    center = p + random.uniform([0.15, -0.1, 0.3], [0.2, 0.1, 0.35])
+    hidden = Patch(center, (0.15, 0.1), random.uniform(0.3, 0.9, 3), cells=14, **facing(center, p))
     # A low edge on the wall: points before it do not see the patch, and some behind it no beam
     middle = p + np.array([random.uniform(0.1, 0.12), 0, 0.05])
     edge = (middle, (0, 1, 0), (0, 0, 1), (1.0, 0.05))

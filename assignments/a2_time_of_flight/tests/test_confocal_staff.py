@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cases_staff import Case, compare
 from hidden_staff import Patch, facing, legs, lit_points, one_patch, two_patches
-from scenes_staff import blocked, colour, diffuse, ggx, panel, placed, point, sphere, square, unit
+from scenes_staff import blocked, color, diffuse, ggx, panel, placed, point, sphere, square, unit
 
 from tofrender.course.judge import expect
 
@@ -26,14 +26,14 @@ def test_behind_a_screen(submission):
     random = submission.random
     wall = random.uniform(0.4, 0.9, 3)
     power = float(random.uniform(1, 4))
-    centre = random.uniform([0.45, -0.1, 0.65], [0.6, 0.1, 0.75])
+    center = random.uniform([0.45, -0.1, 0.65], [0.6, 0.1, 0.75])
     hidden = random.uniform([-0.5, 0.05, 0.65], [-0.4, 0.15, 0.7])
     # The one that is seen turns to the hidden one, which so has a good part of the light
-    to_lit = unit(np.array([0.3, 0, 0]) - centre)
-    to_hidden = unit(hidden - centre)
+    to_lit = unit(np.array([0.3, 0, 0]) - center)
+    to_hidden = unit(hidden - center)
     aside = unit(to_hidden - (to_hidden @ to_lit) * to_lit)
-    aim = centre + 0.14 * to_lit + math.sqrt(1 - 0.14**2) * aside
-    seen = Patch(centre, (0.3, 0.25), random.uniform(0.6, 0.9, 3), **facing(centre, aim))
+    aim = center + 0.14 * to_lit + math.sqrt(1 - 0.14**2) * aside
+    seen = Patch(center, (0.3, 0.25), random.uniform(0.6, 0.9, 3), **facing(center, aim))
     other = Patch(hidden, (0.35, 0.35), (0.9, 0.9, 0.9), **facing(hidden, (0.2, 0, 0.2)))
     screen = ((-0.165, 0.08, 0.25), (1, 0, 0), (0, 1, 0), (0.385, 0.4))
     above = random.uniform([0.0, 0.3, 0.5], [0.4, 0.5, 0.7])
@@ -76,9 +76,9 @@ def test_filter_of_longer_paths(submission, use_nlos_only):
     random = submission.random
     wall = random.uniform(0.4, 0.9, 3)
     power = 1.0
-    centre = random.uniform([0.4, 0.0, 0.7], [0.6, 0.2, 0.9])
+    center = random.uniform([0.4, 0.0, 0.7], [0.6, 0.2, 0.9])
     hidden = Patch(
-        centre, (0.25, 0.25), random.uniform(0.5, 0.9, 3), **facing(centre, (0.2, -0.3, 0.2))
+        center, (0.25, 0.25), random.uniform(0.5, 0.9, 3), **facing(center, (0.2, -0.3, 0.2))
     )
     floor = Patch((0, 0, 0), (0.6, 0.6), random.uniform(0.5, 0.9, 3), cells=60)
     x = floor.points[:, 0]
@@ -151,10 +151,10 @@ def test_any_material(submission):
     tint = random.uniform(0.4, 0.9, 3)
     alpha = float(random.uniform(0.35, 0.6))
     metal = {"type": "roughconductor", "material": "none", "alpha": alpha, "distribution": "ggx"}
-    metal["specular_reflectance"] = colour(tint)
-    centre = random.uniform([0.1, 0.3, 0.4], [0.4, 0.6, 0.6])
+    metal["specular_reflectance"] = color(tint)
+    center = random.uniform([0.1, 0.3, 0.4], [0.4, 0.6, 0.6])
     hidden = Patch(
-        centre, (0.2, 0.15), random.uniform(0.3, 0.9, 3), cells=60, **facing(centre, (0.2, 0, 0.1))
+        center, (0.2, 0.15), random.uniform(0.3, 0.9, 3), cells=60, **facing(center, (0.2, 0, 0.1))
     )
     case = Case({"relay_wall": square((0, 0, 0), 5.0, metal), "hidden": hidden.part})
     for p, eye, d in lit_points(random, 2):

@@ -45,13 +45,13 @@ def require(arrays, file, *names):
     expect.true(not missing, f"{file} has no {', '.join(missing)}; it has {', '.join(arrays)}")
 
 
-def centres(start=WINDOW["start_opl"], width=WINDOW["bin_width_opl"], bins=BINS):
+def centers(start=WINDOW["start_opl"], width=WINDOW["bin_width_opl"], bins=BINS):
     return start + width * (np.arange(bins) + 0.5)
 
 
 def complex_phasors(data, frequencies):
     """Phasors of a cube, the frequencies in front."""
-    waves = np.exp(2j * np.pi * np.outer(frequencies, centres()) / formulas.SPEED_OF_LIGHT)
+    waves = np.exp(2j * np.pi * np.outer(frequencies, centers()) / formulas.SPEED_OF_LIGHT)
     return np.einsum("yxtc,kt->kyxc", data, waves)
 
 
@@ -84,11 +84,11 @@ def test_transient(submission):
     hint = "radiance per bin: the sum over bins is the steady image, less what falls outside"
     expect.close(part, INSIDE, "sum over bins / steady image", rtol=0.03, hint=hint)
     profile = data.sum((0, 1, 3))
-    early = centres() + 0.01 < NEAREST - 5 * WINDOW["pulse_width_opl"]
+    early = centers() + 0.01 < NEAREST - 5 * WINDOW["pulse_width_opl"]
     hint = f"the shortest path is {NEAREST} m, camera to lamp; the pulse reaches 5 σ before it"
     what = "part of the light that comes before the first possible arrival"
     expect.close(profile[early].sum() / profile.sum(), 0, what, atol=1e-4, hint=hint)
-    mean = (profile * centres()).sum() / profile.sum()
+    mean = (profile * centers()).sum() / profile.sum()
     hint = "lengths from the emitter to the sensor, camera segment included"
     expect.close(mean, MEAN_OPL, "mean arrival in the window [m]", rtol=0, atol=0.08, hint=hint)
 
@@ -208,7 +208,7 @@ def test_around_the_corner(submission):
     height, width, bins, _ = filtered.shape
     start = float(arrays["start_opl"])
     bin_width = float(arrays["bin_width_opl"])
-    centre = start + bin_width * (np.arange(bins) + 0.5)
+    center = start + bin_width * (np.arange(bins) + 0.5)
     device = np.array([-0.5, 0.0, 0.25])
     columns, rows = (2 * (np.arange(n) + 0.5) / n - 1 for n in (width, height))
     x, y = np.meshgrid(columns, rows)
@@ -224,7 +224,7 @@ def test_around_the_corner(submission):
     light = filtered.sum(-1).astype(np.float64)
     total = light.sum()
     expect.true(total > 0, "filtered: light of the hidden letter; came none")
-    apart = np.abs(centre - 0.5 * (nearest + farthest)[..., None])
+    apart = np.abs(center - 0.5 * (nearest + farthest)[..., None])
     outside = apart > 0.5 * (farthest - nearest)[..., None] + 0.5 * bin_width + 1e-3
     hint = "2 d + 2 r, for r from the nearest to the farthest point of the letter"
     what = "part of the filtered light that comes before or after the letter's"

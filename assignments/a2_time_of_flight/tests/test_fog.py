@@ -53,14 +53,14 @@ def test_photons_wander(submission):
     expect.estimate(r2, exact[1:].sum(), "mean of r² [m²]", hint=hint)
 
 
-def test_polariser(submission):
+def test_polarizer(submission):
     """Malus' law, three polarizers, and circular light."""
     half = np.pi / 2
     quarter = np.pi / 4
     hint = "(S0 + S1 cos 2a + S2 sin 2a) / 2 passes, polarized along the axis"
 
     def behind(stokes, angle):
-        return submission.ask("behind_polariser", stokes=np.array(stokes), angle=angle)
+        return submission.ask("behind_polarizer", stokes=np.array(stokes), angle=angle)
 
     first = behind([[2.0, 0.0, 0.0, 0.0]], 0.0)
     expect.close(first, [[1.0, 1.0, 0, 0]], "unpolarized light", rtol=0, atol=1e-6, hint=hint)

@@ -91,7 +91,7 @@ def test_any_photon(submission):
     expect.shape(alone, (1, 3), "the position of one photon")
 
 
-def test_any_polariser(submission):
+def test_any_polarizer(submission):
     """Light of drawn polarization, in arrays of any shape, through drawn polarizers."""
     random = submission.random
     for shape in ((4,), (3, 4), (2, 5, 3, 4)):
@@ -99,8 +99,8 @@ def test_any_polariser(submission):
         length = np.linalg.norm(stokes[..., 1:], axis=-1)
         stokes[..., 0] = length * random.uniform(1.0, 3.0, shape[:-1])
         angle = float(random.uniform(-np.pi, np.pi))
-        came = submission.ask("behind_polariser", stokes=stokes, angle=angle)
-        wanted = formulas.polarised(stokes, angle)
+        came = submission.ask("behind_polarizer", stokes=stokes, angle=angle)
+        wanted = formulas.polarized(stokes, angle)
         what = f"Stokes vectors of shape {shape} behind a polarizer at {np.degrees(angle):.1f}°"
         hint = "components are in the last axis; angles of Stokes vectors count twice"
         expect.close(came, wanted, what, rtol=1e-4, atol=1e-4, hint=hint)

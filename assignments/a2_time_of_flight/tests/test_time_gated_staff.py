@@ -60,7 +60,7 @@ def test_any_pulse(submission):
 def test_pictures(submission):
     """Pictures of any size, in color, of one gate and of many, with a pulse of any shape."""
     random = submission.random
-    view, colours, value = drawn_view(random)
+    view, colors, value = drawn_view(random)
     first = float(random.uniform(-1.4, -1.0))  # Nearly all of it comes before its center
     pulse = ("slope", first, first + float(random.uniform(0.9, 1.2)))
     gates = (int(random.integers(5, 9)), 2.0 + float(random.uniform(0, 0.3)), 0.15)
@@ -68,7 +68,7 @@ def test_pictures(submission):
     came = submission.ask(
         "gate_pictures",
         view=view,
-        colours=colours,
+        colors=colors,
         pulse=pulse,
         gates=gates,
         time=time,

@@ -96,7 +96,7 @@ def test_lanes_of_a_pulse(submission):
 def test_pictures(submission):
     """Films of any size, in color."""
     random = submission.random
-    view, colours, value = drawn_view(random)
+    view, colors, value = drawn_view(random)
     first = float(random.uniform(-0.4, 0.1))
     pulse = ("slope", first, first + float(random.uniform(0.4, 0.9)))
     bins = (int(random.integers(5, 9)), 3.0 + float(random.uniform(0, 0.3)), 0.25)
@@ -107,7 +107,7 @@ def test_pictures(submission):
         pulse=pulse,
         spp=1024,
         seed=submission.seed,
-        colours=colours,
+        colors=colors,
     )
     edges = bins[1] + bins[2] * np.arange(bins[0] + 1)
 

@@ -118,12 +118,12 @@ def pulse(kind, *numbers):
 # ------------------------------------------------------------------------------------- parts
 
 
-def grey(value):
+def gray(value):
     return {"type": "rgb", "value": [value] * 3}
 
 
 def diffuse(albedo):
-    return {"type": "diffuse", "reflectance": grey(albedo)}
+    return {"type": "diffuse", "reflectance": gray(albedo)}
 
 
 def rectangle(matrix, bsdf, **more):
@@ -186,11 +186,11 @@ def _made(part):
 # ------------------------------------------------------------------------------------ scenes
 
 
-def lamp(view, colours=((1.0, 1.0, 1.0), (1.0, 1.0, 1.0))):
+def lamp(view, colors=((1.0, 1.0, 1.0), (1.0, 1.0, 1.0))):
     """A plane under a point light; the colors multiply its albedo and the light's intensity."""
     albedo, intensity = (
-        {"type": "rgb", "value": [value * each for each in colour]}
-        for value, colour in zip((formulas.ALBEDO, formulas.INTENSITY), colours, strict=True)
+        {"type": "rgb", "value": [value * each for each in color]}
+        for value, color in zip((formulas.ALBEDO, formulas.INTENSITY), colors, strict=True)
     )
     return load(
         {
@@ -208,7 +208,7 @@ def lit_by_disk(view, h, radius, radiance):
     down = np.diag([radius, -radius, -1.0, 1.0])
     down[2, 3] = h
     disk = {"type": "disk", "to_world": mi.ScalarTransform4f(down), "bsdf": diffuse(0.0)}
-    disk |= {"emitter": {"type": "area", "radiance": grey(radiance)}}
+    disk |= {"emitter": {"type": "area", "radiance": gray(radiance)}}
     floor = rectangle(np.diag([20.0, 20, 1, 1]), diffuse(0.5))
     return load({"sensor": view, "plane": floor, "disk": disk})
 
@@ -217,7 +217,7 @@ def light_and_mirror(view):
     """A panel of radiance 2 at z = 3 that faces down, over a mirror in z = 0."""
     down = np.diag([1.0, -1.0, -1.0, 1.0])
     down[2, 3] = 3
-    panel = rectangle(down, diffuse(0.0), emitter={"type": "area", "radiance": grey(2.0)})
+    panel = rectangle(down, diffuse(0.0), emitter={"type": "area", "radiance": gray(2.0)})
     mirror = rectangle(np.diag([20.0, 20, 1, 1]), {"type": "conductor", "material": "none"})
     return load({"sensor": view, "panel": panel, "mirror": mirror})
 
@@ -225,7 +225,7 @@ def light_and_mirror(view):
 def inside_sphere(view, radius, albedo, intensity):
     """A diffuse sphere around a point light at the origin."""
     sphere = {"type": "sphere", "radius": radius, "flip_normals": True, "bsdf": diffuse(albedo)}
-    light = {"type": "point", "position": [0.0] * 3, "intensity": grey(intensity)}
+    light = {"type": "point", "position": [0.0] * 3, "intensity": gray(intensity)}
     return load({"sensor": view, "relay_wall": sphere, "light": light})
 
 

@@ -95,7 +95,7 @@ def slab():
         ax.stairs(density, edges, label=label)
     ax.axvline(2.4, color="0.6", ls=":", label="straight down")
     ax.set(xlabel="optical path length [m]", xlim=(2.2, 4.2))
-    ax.set_ylabel("film's mean per metre")
+    ax.set_ylabel("film's mean per meter")
     ax.legend()
     return figure
 

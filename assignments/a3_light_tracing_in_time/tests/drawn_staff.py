@@ -14,7 +14,7 @@ def pixels(random, low=3, high=6):
     return width, height
 
 
-def colour(random, low=0.3, high=4.0):
+def color(random, low=0.3, high=4.0):
     """Three numbers that differ."""
     return between(random, low, high, 3)
 

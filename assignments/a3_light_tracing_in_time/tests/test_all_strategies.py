@@ -13,7 +13,7 @@ pytestmark = pytest.mark.a3_all_strategies
 NAME = "TransientBDPT"
 PANEL = {"half": 0.4, "height": 1.2}
 PANEL["radiance"] = formulas.inputs.number("radiance of the panel", 3.0, low=2.0, high=5.0)
-GREY = formulas.inputs.number("albedo around", 0.8, low=0.7, high=0.85)
+GRAY = formulas.inputs.number("albedo around", 0.8, low=0.7, high=0.85)
 OVER = {"origin": (0, 0, 0.8), "target": (0, 0, 0), "size": (4, 4), "fov": 70.0}
 STRATEGIES = ("0,3", "1,2", "2,1")
 
@@ -21,7 +21,7 @@ STRATEGIES = ("0,3", "1,2", "2,1")
 def sphere(submission, view, max_depth, spp=256, **options):
     """(steady, bins) means over the film, first channel, of a sphere."""
     steady, transient = render(
-        submission, "inside_sphere", view, name=NAME, radius=1.0, albedo=GREY, intensity=1.0,
+        submission, "inside_sphere", view, name=NAME, radius=1.0, albedo=GRAY, intensity=1.0,
         integrator={"max_depth": max_depth} | options, spp=spp,
     )  # fmt: skip
     return steady.mean((1, 2))[..., 0], transient.mean((1, 2))[..., 0]
@@ -50,7 +50,7 @@ def test_connections_of_vertices(submission, strategy):
     view = {"origin": (0, 0, 0), "target": (0, 0, 1), "size": (4, 4), "bins": bins}
     s, t = map(int, strategy.split(","))
     steady, transient = sphere(submission, view, s + t - 1, strategy=strategy, mis="none")
-    wanted = formulas.sphere_bounce(s + t - 2, 1.0, GREY, 1.0)
+    wanted = formulas.sphere_bounce(s + t - 2, 1.0, GRAY, 1.0)
     hint = "f f' times both cosines / distance²: bsdf.eval has the cosine; so many of one length"
     expect.estimate(steady, wanted, f"film's mean, strategy ({strategy})", rounding=1e-3, hint=hint)
     if s + t == 4:
@@ -84,7 +84,7 @@ def test_shares_add_up(submission, mis):
     for max_depth in (3, 4):
         chosen = {"mis": mis} if mis == "balance" else {}  # "power" is the default
         steady, _ = sphere(submission, view, max_depth, spp=128, **chosen)
-        wanted = sum(formulas.sphere_bounce(n, 1.0, GREY, 1.0) for n in range(1, max_depth))
+        wanted = sum(formulas.sphere_bounce(n, 1.0, GRAY, 1.0) for n in range(1, max_depth))
         what = f"film's mean, max_depth {max_depth}, mis {mis!r}"
         hint = "the shares of a path's strategies add up to 1"
         expect.estimate(steady, wanted, what, rounding=2e-3, hint=hint)

@@ -97,7 +97,7 @@ def test_by_way_of_a_floor(submission):
     """A ceiling that gets a panel's light from a floor: all strategies of three segments."""
     random = submission.random
     options, panel = drawn.at_ceiling(random)
-    colour = drawn.colour(random)
+    color = drawn.color(random)
     albedo = drawn.between(random, 0.5, 0.8)
     x, y = (0.5 * k for k in options["target"][:2])
     screen = [x, y, drawn.between(random, 0.2, 0.4), drawn.between(random, 0.15, 0.25)]
@@ -109,29 +109,29 @@ def test_by_way_of_a_floor(submission):
         strategy = f"{s},{4 - s}"
         steady, transient = render(
             submission, "by_floor", options | {"bins": bins}, name=NAME, ceiling=1.0, panel=panel,
-            radiance=colour, albedo=albedo, screen=screen, spp=2048 if s % 3 == 0 else 512,
+            radiance=color, albedo=albedo, screen=screen, spp=2048 if s % 3 == 0 else 512,
             integrator={"max_depth": 3, "strategy": strategy, "mis": mis},
         )  # fmt: skip
         share = part if mis == "none" else part * densities[s] / sum(densities)
         hint = "what is between two vertices hides one from the other; p over the sum of all p"
         what = f"film's mean, strategy ({strategy}), mis {mis!r}"
-        wanted = share.sum() * np.array(colour)
+        wanted = share.sum() * np.array(color)
         expect.estimate(steady.mean((1, 2)), wanted, what, rounding=1e-2, hint=hint)
         if 0 < s < 3:
             hint = "the length of a path is the same whatever finds it"
-            check_bins(transient, share * colour[0], opl, bins, hint)
+            check_bins(transient, share * color[0], opl, bins, hint)
 
 
 def test_between_two_surfaces(submission):
     """Light that a colored mirror has sent from one part of a floor to another."""
     options, scene, part, _, both = mirrored(submission.random)
-    colour = np.array(scene["lamp"][1]) * scene["colour"]
+    color = np.array(scene["lamp"][1]) * scene["color"]
     for strategy, k in (("1,4", 0), ("4,1", 1)):
         steady, _ = render(
             submission, "by_mirror", options, name=NAME, spp=1 << 12, **scene,
             integrator={"max_depth": 4, "strategy": strategy, "mis": "balance"},
         )  # fmt: skip
-        wanted = (part * both[k] / (both[0] + both[1])).sum() * colour
+        wanted = (part * both[k] / (both[0] + both[1])).sum() * color
         hint = "a mirror between two vertices: two strategies connect to it, and have no share"
         what = f"film's mean, strategy ({strategy}), mis 'balance'"
         expect.estimate(steady.mean((1, 2)), wanted, what, rounding=5e-3, hint=hint)
@@ -145,7 +145,7 @@ def test_several_lamps(submission):
     d = view.pixels(16)
     at = drawn.above(random)
     spot = drawn.above(random)
-    colours = [drawn.colour(random) for _ in range(3)]
+    colors = [drawn.color(random) for _ in range(3)]
     cone = [[*drawn.between(random, -0.3, 0.3, 2), 0.0], drawn.between(random, 35, 45), 25.0]
     height = drawn.between(random, 2.3, 2.6)
     half = drawn.between(random, 0.2, 0.4)
@@ -153,10 +153,10 @@ def test_several_lamps(submission):
     parts = [formulas.under_point(view, d, at, 1.0)[0].mean()]
     parts.append(formulas.under_point(view, d, spot, 1.0, cone=cone)[0].mean())
     parts.append(formulas.under_panel(view, half, height, 1.0)[0].sum())
-    wanted = sum(p * np.array(c) for p, c in zip(parts, colours, strict=True))
+    wanted = sum(p * np.array(c) for p, c in zip(parts, colors, strict=True))
     steady, _ = render(
-        submission, "floor", options, name=NAME, lights=[[at, colours[0]]], spp=1024,
-        panels=[[height, half, colours[2]]], spots=[[spot, colours[1], *cone, weight]],
+        submission, "floor", options, name=NAME, lights=[[at, colors[0]]], spp=1024,
+        panels=[[height, half, colors[2]]], spots=[[spot, colors[1], *cone, weight]],
         integrator={"max_depth": 2}, flipped=True,
     )  # fmt: skip
     hint = "emission.ratio knows every lamp: which one, and how wide it shines"

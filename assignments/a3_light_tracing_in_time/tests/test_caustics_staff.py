@@ -71,7 +71,7 @@ def test_between_two_surfaces(submission):
         submission, "by_mirror", options | {"bins": bins}, spp=1 << 13, **scene,
         integrator={"max_depth": 4},
     )  # fmt: skip
-    wanted = part.sum() * np.array(scene["lamp"][1]) * scene["colour"]
+    wanted = part.sum() * np.array(scene["lamp"][1]) * scene["color"]
     hint = "after a mirror the path goes on, with its color: floor, mirror, floor"
     expect.estimate(steady.mean((1, 2)), wanted, "film's mean", rounding=5e-3, hint=hint)
     check_bins(transient, part * wanted[0] / part.sum(), opl, bins, hint)
@@ -88,7 +88,7 @@ def mirrored(random):
     options, lamp = drawn.facing(random, mirror)
     albedo = drawn.between(random, 0.5, 0.8)
     position, *rest = lamp["position"], lamp["target"], lamp["cutoff"], lamp["beam"]
-    scene = {"lamp": [position, drawn.colour(random), *rest], "mirror": mirror, "albedo": albedo}
-    scene["colour"] = drawn.colour(random, 0.4, 0.95)
+    scene = {"lamp": [position, drawn.color(random), *rest], "mirror": mirror, "albedo": albedo}
+    scene["color"] = drawn.color(random, 0.4, 0.95)
     view = formulas.View(**options)
     return options, scene, *formulas.by_mirror(view, (position, 1.0, *rest), mirror, albedo)

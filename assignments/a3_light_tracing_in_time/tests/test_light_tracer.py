@@ -14,7 +14,7 @@ NAME = "TransientLightTracer"
 number = formulas.inputs.number
 ASLANT = {"origin": (0.3, -1.2, 2.0), "target": (0.2, 0.1, 0.0), "size": (6, 4), "fov": 50.0}
 LIGHT = (0.5, 0.2, number("height of the lamp", 1.2, low=1.1, high=1.3))
-COLOUR = (1.0, 2.0, number("blue of the lamp", 4.0, low=3.0, high=5.0))
+COLOR = (1.0, 2.0, number("blue of the lamp", 4.0, low=3.0, high=5.0))
 HALF = number("half of the panel above", 0.2, low=0.15, high=0.3)
 INTENSITY = number("intensity in the sphere", 3.0, low=2.0, high=4.0)
 ALBEDO = number("albedo of the sphere", 0.8, low=0.7, high=0.85)
@@ -110,10 +110,10 @@ def test_picture(submission):
     view = formulas.View(**ASLANT)
     radiance = formulas.under_point(view, view.pixels(), LIGHT, 1.0)[0].mean(-1)
     steady, transient = render(
-        *(submission, "floor", ASLANT), lights=[[LIGHT, COLOUR]], integrator={"max_depth": 2}
+        *(submission, "floor", ASLANT), lights=[[LIGHT, COLOR]], integrator={"max_depth": 2}
     )
     hint = "throughput x bsdf.eval (which has the cosine) x density / distance²"
-    wanted = radiance[..., None] * COLOUR
+    wanted = radiance[..., None] * COLOR
     expect.estimate(steady, wanted, "picture", rounding=2e-3, hint=hint, ratios=RATIOS)
     hint = "land() gets all light, also where a film has no bin for it"
     expect.estimate(transient.sum(3), wanted, "sum over bins", rounding=2e-3, hint=hint)

@@ -20,8 +20,8 @@ pytestmark = pytest.mark.a3_light_tracer
 DIRECT = {"max_depth": 2}
 
 
-def picture(radiance, colour):
-    return radiance.mean(-1)[..., None] * colour
+def picture(radiance, color):
+    return radiance.mean(-1)[..., None] * color
 
 
 def test_two_lights(submission):
@@ -30,17 +30,15 @@ def test_two_lights(submission):
     options = drawn.over_floor(random)
     albedo = drawn.between(random, 0.4, 0.8)
     view = formulas.View(**options)
-    lamps = [[drawn.above(random), drawn.colour(random)] for _ in range(2)]
+    lamps = [[drawn.above(random), drawn.color(random)] for _ in range(2)]
     found = [formulas.under_point(view, view.pixels(16), at, 1.0, albedo) for at, _ in lamps]
-    wanted = sum(picture(f[0], colour) for f, (_, colour) in zip(found, lamps, strict=True))
+    wanted = sum(picture(f[0], color) for f, (_, color) in zip(found, lamps, strict=True))
     steady, _ = render(
         *(submission, "floor", options, 2048), lights=lamps, albedo=albedo, integrator=DIRECT
     )
     hint = "emitted.weight has the chance of the light already"
     check_picture(steady, wanted, "picture", 2e-3, hint)
-    parts = [
-        (f[0] * colour[0], f[2], f[3] / 2) for f, (_, colour) in zip(found, lamps, strict=True)
-    ]
+    parts = [(f[0] * color[0], f[2], f[3] / 2) for f, (_, color) in zip(found, lamps, strict=True)]
     check_noise(steady, expected_noise(parts), np.prod(options["size"]) * 2048)
 
 
@@ -51,18 +49,18 @@ def test_other_lamps(submission):
     view = formulas.View(**options)
     d = view.pixels(16)
     at = drawn.above(random)
-    colour = drawn.colour(random)
+    color = drawn.color(random)
     spot = drawn.above(random)
-    spots = drawn.colour(random)
+    spots = drawn.color(random)
     cone = ([*drawn.between(random, -0.3, 0.3, 2), 0.0], drawn.between(random, 35, 45), 25.0)
     height = drawn.between(random, 2.3, 2.6)
     half = drawn.between(random, 0.15, 0.3)
-    panels = drawn.colour(random)
-    wanted = formulas.under_point(view, d, at, 1.0)[0].mean() * np.array(colour)
+    panels = drawn.color(random)
+    wanted = formulas.under_point(view, d, at, 1.0)[0].mean() * np.array(color)
     wanted += formulas.under_point(view, d, spot, 1.0, cone=cone)[0].mean() * np.array(spots)
     part, _, _ = formulas.under_panel(view, half, height, 1.0)
     steady, _ = render(
-        submission, "floor", options, lights=[[at, colour]], panels=[[height, half, panels]],
+        submission, "floor", options, lights=[[at, color]], panels=[[height, half, panels]],
         spots=[[spot, spots, *cone, drawn.between(random, 1.5, 3)]], spp=2048, integrator=DIRECT,
     )  # fmt: skip
     hint = "emitted.weight is right for every light: a spot shines in its cone only"
@@ -70,30 +68,30 @@ def test_other_lamps(submission):
     expect.estimate(steady.mean((1, 2)), wanted, "film's mean", rounding=2e-3, hint=hint)
 
 
-@pytest.mark.parametrize("kind", ["metal", "back", "colour", "half a mirror"])
+@pytest.mark.parametrize("kind", ["metal", "back", "color", "half a mirror"])
 def test_other_floors(submission, kind):
     """Rough metal, a floor seen and lit from its back, one without red, and half a mirror."""
     random = submission.random
     options = drawn.over_floor(random)
     view = formulas.View(**options)
     at = drawn.above(random)
-    colour = drawn.colour(random)
+    color = drawn.color(random)
     alpha = drawn.between(random, 0.3, 0.5) if kind == "metal" else None
-    albedo = np.array([0.0, *drawn.between(random, 0.2, 0.8, 2)]) if kind == "colour" else 0.5
+    albedo = np.array([0.0, *drawn.between(random, 0.2, 0.8, 2)]) if kind == "color" else 0.5
     share = drawn.between(random, 0.3, 0.7) if kind == "half a mirror" else 0.0
     floor = {"alpha": alpha, "flipped": kind == "back", "mirrored": share}
     floor["albedo"] = np.broadcast_to(albedo, 3).tolist()
     radiance = formulas.under_point(view, view.pixels(16), at, 1.0, alpha=alpha)[0]
-    wanted = picture(radiance * (1 - share), np.array(colour) * albedo / 0.5)
+    wanted = picture(radiance * (1 - share), np.array(color) * albedo / 0.5)
     steady, _ = render(
-        submission, "floor", options, lights=[[at, colour]], **floor, spp=2048, integrator=DIRECT
+        submission, "floor", options, lights=[[at, color]], **floor, spp=2048, integrator=DIRECT
     )
     hint = "the material says how much it reflects to the lens: bsdf.eval, in local directions"
     check_picture(steady, wanted, "picture", 3e-3, hint)
     if kind != "half a mirror":
         behind = [*at[:2], -at[2]]
         steady, _ = render(
-            submission, "floor", options, lights=[[behind, colour]], **floor, spp=64, seeds=8,
+            submission, "floor", options, lights=[[behind, color]], **floor, spp=64, seeds=8,
             integrator=DIRECT,
         )  # fmt: skip
         expect.close(steady, 0.0, "picture of a floor that is lit from below", hint=hint)
@@ -107,14 +105,14 @@ def test_long_paths(submission):
     intensity = drawn.between(random, 1, 5)
     max_depth = int(random.integers(7, 9))
     options = drawn.inside(random, radius)
-    colour = [0.0, albedo, drawn.between(random, 0.3, 0.6)]
+    color = [0.0, albedo, drawn.between(random, 0.3, 0.6)]
     steady, _ = render(
-        submission, "inside_sphere", options, radius=radius, albedo=colour, intensity=intensity,
+        submission, "inside_sphere", options, radius=radius, albedo=color, intensity=intensity,
         integrator={"max_depth": max_depth}, spp=1024,
     )  # fmt: skip
     orders = range(1, max_depth)
     wanted = [
-        sum(formulas.sphere_bounce(n, radius, part, intensity) for n in orders) for part in colour
+        sum(formulas.sphere_bounce(n, radius, part, intensity) for n in orders) for part in color
     ]
     hint = "every vertex connects, and counts in full; Russian roulette divides by its chance"
     wanted = np.zeros(steady.shape[1:]) + wanted
@@ -150,18 +148,18 @@ def test_another_lens(submission):
     options |= {"aperture": drawn.between(random, 0.2, 0.3), "focus": drawn.between(random, 1, 1.4)}
     view = formulas.View(**options)
     at = drawn.above(random)
-    colour = drawn.colour(random)
+    color = drawn.color(random)
     origin, d = view.through_lens()
     radiance, opl, _, _ = formulas.under_point(view, d, at, 1.0, origin=origin)
     low, high = np.quantile(opl, [0.05, 0.95])
     bins = (4, low, (high - low) / 4)
     steady, transient = render(
-        submission, "floor", options | {"bins": bins}, lights=[[at, colour]], spp=1024,
+        submission, "floor", options | {"bins": bins}, lights=[[at, color]], spp=1024,
         integrator=DIRECT,
     )  # fmt: skip
     hint = "lens.arrive(si.p, lens.sample(sampler)): the lens that sample() gets"
-    check_picture(steady, picture(radiance, colour), "picture", 5e-3, hint)
-    part = radiance.ravel() / radiance.size * colour[0]
+    check_picture(steady, picture(radiance, color), "picture", 5e-3, hint)
+    part = radiance.ravel() / radiance.size * color[0]
     check_bins(transient, part, opl.ravel(), bins, hint)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from path_traced import ROOM, reference
 from test_caustics import SLAB
-from test_light_tracer import ASLANT, COLOUR, LIGHT, check_bins, render
+from test_light_tracer import ASLANT, COLOR, LIGHT, check_bins, render
 
 from tofrender.course.judge import expect
 
@@ -28,9 +28,9 @@ def test_shares_of_direct_light(submission, end):
     view = formulas.View(**ASLANT)
     radiance, _, *both = formulas.under_point(view, view.pixels(), LIGHT, 1.0)
     own, other = both if end == "camera" else both[::-1]
-    wanted = (radiance * share(own, other)).mean(-1)[..., None] * COLOUR
+    wanted = (radiance * share(own, other)).mean(-1)[..., None] * COLOR
     steady, _ = render(
-        submission, "floor", ASLANT, name=NAME, lights=[[LIGHT, COLOUR]],
+        submission, "floor", ASLANT, name=NAME, lights=[[LIGHT, COLOR]],
         integrator={"max_depth": 2, "end": end},
     )  # fmt: skip
     expect.estimate(steady, wanted, f"light of a lamp, end {end}", rounding=3e-3, hint=HINT)
@@ -52,10 +52,10 @@ def test_together(submission):
     view = formulas.View(**options)
     radiance, opl, _, _ = formulas.under_point(view, view.pixels(16), LIGHT, 1.0)
     steady, transient = render(
-        submission, "floor", options, name=NAME, lights=[[LIGHT, COLOUR]],
+        submission, "floor", options, name=NAME, lights=[[LIGHT, COLOR]],
         integrator={"max_depth": 2},
     )  # fmt: skip
-    wanted = radiance.mean(-1)[..., None] * COLOUR
+    wanted = radiance.mean(-1)[..., None] * COLOR
     hint = "the two shares of a path add up to 1"
     expect.estimate(steady, wanted, "picture", rounding=3e-3, hint=hint)
     hint = "both ends share what they find: neither counts in full, or as one half"

@@ -47,7 +47,7 @@ def test_several_lamps(submission):
     d = view.pixels(16)
     at = drawn.above(random)
     spot = drawn.above(random)
-    colours = [drawn.colour(random) for _ in range(3)]
+    colors = [drawn.color(random) for _ in range(3)]
     cone = [[*drawn.between(random, -0.3, 0.3, 2), 0.0], drawn.between(random, 35, 45), 25.0]
     height = drawn.between(random, 2.3, 2.6)
     half = drawn.between(random, 0.2, 0.4)
@@ -58,11 +58,11 @@ def test_several_lamps(submission):
     for k, end in enumerate(ENDS):
         wanted = np.zeros(3)
         # A connection chooses a lamp as often as light starts there
-        for (radiance, *both), colour in zip(found, colours, strict=True):
-            wanted += (radiance * share(both[k], both[1 - k])).sum() * np.array(colour)
+        for (radiance, *both), color in zip(found, colors, strict=True):
+            wanted += (radiance * share(both[k], both[1 - k])).sum() * np.array(color)
         steady, _ = render(
-            submission, "floor", options, name=NAME, lights=[[at, colours[0]]], spp=2048,
-            panels=[[height, half, colours[2]]], spots=[[spot, colours[1], *cone, weight]],
+            submission, "floor", options, name=NAME, lights=[[at, colors[0]]], spp=2048,
+            panels=[[height, half, colors[2]]], spots=[[spot, colors[1], *cone, weight]],
             integrator={"max_depth": 2, "end": end}, flipped=True,
         )  # fmt: skip
         hint = "emission.ratio knows every lamp: which one, and how wide it shines"
@@ -73,13 +73,13 @@ def test_several_lamps(submission):
 def test_between_two_surfaces(submission):
     """Light that a colored mirror has sent from one part of a floor to another: both find it."""
     options, scene, part, _, both = mirrored(submission.random)
-    colour = np.array(scene["lamp"][1]) * scene["colour"]
+    color = np.array(scene["lamp"][1]) * scene["color"]
     for end, own, other in ((ENDS[0], *both), (ENDS[1], *both[::-1]), ("both", 1, 0)):
         steady, _ = render(
             submission, "by_mirror", options, name=NAME, spp=1 << 12, **scene,
             integrator={"max_depth": 4, "end": end},
         )  # fmt: skip
-        wanted = (part * share(own, other)).sum() * colour
+        wanted = (part * share(own, other)).sum() * color
         hint = "a mirror between two vertices: the same density from both ends"
         what = f"film's mean, end {end}"
         expect.estimate(steady.mean((1, 2)), wanted, what, rounding=5e-3, hint=hint)
@@ -99,7 +99,7 @@ def test_another_room(submission):
 def agrees_with_a_path_tracer(submission, name, case, mirror):
     random = submission.random
     unit = drawn.between(random, 0.5, 2.5)
-    radiance = drawn.colour(random, 1, 5)
+    radiance = drawn.color(random, 1, 5)
     factor = np.array(radiance) / (3.0, 2.2, 1.5)
     view = ROOM | {"origin": [unit * x for x in ROOM["origin"]]}
     view["target"] = [unit * x for x in ROOM["target"]]

@@ -76,7 +76,7 @@ class Arrival:
 # ------------------------------------------------------------------------------------- parts
 
 
-def grey(value):
+def gray(value):
     return {"type": "rgb", "value": [value] * 3}
 
 
@@ -221,9 +221,9 @@ def floor(
     return load(parts)
 
 
-def by_mirror(view, lamp, mirror, albedo, colour):
+def by_mirror(view, lamp, mirror, albedo, color):
     """A floor z = 0, a spot light on it, and a colored mirror above both."""
-    clear = {"type": "conductor", "material": "none", "specular_reflectance": rgb(*colour)}
+    clear = {"type": "conductor", "material": "none", "specular_reflectance": rgb(*color)}
     return load(
         {
             "sensor": view,
@@ -249,7 +249,7 @@ def by_floor(view, ceiling, panel, radiance, albedo, screen=None):
 def under_panel(view, half, height, radiance, albedo=0.5):
     """A floor z = 0 under a square light that faces down."""
     panel = rectangle(flat(height, half, up=False), diffuse(0.0))
-    panel["emitter"] = {"type": "area", "radiance": grey(radiance)}
+    panel["emitter"] = {"type": "area", "radiance": gray(radiance)}
     return load({"sensor": view, "floor": rectangle(flat(0.0), diffuse(albedo)), "panel": panel})
 
 

@@ -10,8 +10,8 @@ def kernel(delays, width: float, tail: float = 1e-6) -> np.ndarray:
     reach = int(np.ceil(np.abs(delays.ppf([tail / 2, 1 - tail / 2])).max() / width + 0.5))
     nodes, weights = np.polynomial.legendre.leggauss(24)
     parts = max(1, int(np.ceil(width / delays.std())))
-    centres = (np.arange((2 * reach + 1) * parts) + 0.5) / parts - reach - 0.5
-    at = (centres[:, None] + nodes / (2 * parts)) * width
+    centers = (np.arange((2 * reach + 1) * parts) + 0.5) / parts - reach - 0.5
+    at = (centers[:, None] + nodes / (2 * parts)) * width
     masses = (delays.pdf(at) @ weights * width / (2 * parts)).reshape(-1, parts).sum(axis=1)
     return masses / masses.sum()
 

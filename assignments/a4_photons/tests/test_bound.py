@@ -48,9 +48,9 @@ def test_bins_lose_little(submission):
 def test_much_background(submission):
     """I = S² / (4 √π σ³ b) for much background of b per meter."""
     width = SIGMA_OPL / 40
-    per_metre = 1e7 / SIGMA_OPL
-    found = bound(submission, np.array([100.0]), per_metre * width, width)
-    information = 100.0**2 / (4 * np.sqrt(np.pi) * SIGMA_OPL**3 * per_metre)
+    per_meter = 1e7 / SIGMA_OPL
+    found = bound(submission, np.array([100.0]), per_meter * width, width)
+    information = 100.0**2 / (4 * np.sqrt(np.pi) * SIGMA_OPL**3 * per_meter)
     hint = "(S dP/dt)² over the variance of the bin, S P + b"
     expect.close(found, [0.5 / np.sqrt(information)], "bound [m]", rtol=2e-3, hint=hint)
 

@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-INSTALL = "pip install misuka (non-commercial licence)"
+INSTALL = "pip install misuka (non-commercial license)"
 ABILITIES = frozenset({"bins", "ear"})
 
 

@@ -31,7 +31,7 @@ def cached(load: Callable[..., Any]) -> Callable[..., Any]:
     return lambda *parts: found(json.dumps(parts))
 
 
-def grey(value: float) -> dict:
+def gray(value: float) -> dict:
     """Describe a gray spectrum."""
     import mitsuba as mi
 
@@ -44,7 +44,7 @@ def material(described: dict) -> dict:
     """Describe a BSDF."""
     kind = described["kind"]
     if kind == "diffuse":
-        result = {"type": "diffuse", "reflectance": grey(described["albedo"])}
+        result = {"type": "diffuse", "reflectance": gray(described["albedo"])}
         return {"type": "twosided", "bsdf": result} if described.get("two_sided") else result
     if kind == "mirror":
         return {"type": "conductor", "material": "none"}
@@ -103,7 +103,7 @@ def shape(described: dict, media: dict) -> dict:
 
     # Light, media and motion
     if "radiance" in described:
-        result["emitter"] = {"type": "area", "radiance": grey(described["radiance"])}
+        result["emitter"] = {"type": "area", "radiance": gray(described["radiance"])}
     for side, name in (("interior", "inside"), ("exterior", "outside")):
         if name in described:
             result[side] = media[described[name]]
@@ -115,8 +115,8 @@ def shape(described: dict, media: dict) -> dict:
 def light(described: dict) -> dict:
     """Describe a light."""
     if described["kind"] == "sky":
-        return {"type": "constant", "radiance": grey(described["radiance"])}
-    intensity = grey(described["intensity"])
+        return {"type": "constant", "radiance": gray(described["radiance"])}
+    intensity = gray(described["intensity"])
     result = {"type": "point", "position": described["position"], "intensity": intensity}
     return result | ({"velocity": described["velocity"]} if "velocity" in described else {})
 
@@ -191,7 +191,7 @@ def capture(scene: dict, bins: dict, integrator: dict) -> dict:
     distance = float(np.linalg.norm(device - lit))
     look = mi.ScalarTransform4f().look_at(device.tolist(), lit.tolist(), [0, 1, 0])
     laser = {"type": "spot", "to_world": look, "cutoff_angle": 5.0, "beam_width": 4.0}
-    laser["intensity"] = grey(wall["power"] * distance**3 / device[2])
+    laser["intensity"] = gray(wall["power"] * distance**3 / device[2])
 
     # The integrator
     options = {"type": "transient_nlos_path", "max_depth": scene["segments"]}

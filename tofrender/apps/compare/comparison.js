@@ -8,7 +8,7 @@
 
 import { canvasOf, stripOf } from "../explorer/frame.js";
 import { paintLight, paintMap, range, toneCurve } from "../explorer/paint.js";
-import { Axes, colourOf, drawCurves, sharp, STYLES } from "../explorer/plot.js";
+import { Axes, colorOf, drawCurves, sharp, STYLES } from "../explorer/plot.js";
 import { clamp, short, signed, when } from "../explorer/words.js";
 import { live } from "../ui/app.js";
 import { button, choices, fill, follow, group, inkOf, isDark, lineSwatch, list, make, slider, tell, terms, tick } from "../ui/parts.js";
@@ -31,7 +31,7 @@ class Comparison {
     this.now = { view: "divider", divider: 0.5, exposure: 0, log: false, playing: false };
     this.zoom = new Zoom();
     this.curve = toneCurve(2.2);
-    this.map = new Uint8Array(model.state.colours);
+    this.map = new Uint8Array(model.state.colors);
     this.show = (changes) => {
       Object.assign(this.now, changes);
       draw();
@@ -107,7 +107,7 @@ class Comparison {
   /** Play, time, and the picture of all time. */
   transport({ start, width, count }) {
     const { model, choose, show } = this;
-    const clock = { width, centre: (step) => start + (step + 0.5) * width };
+    const clock = { width, center: (step) => start + (step + 0.5) * width };
     this.play = button("Play", () => {
       show({ playing: !this.now.playing });
       if (this.now.playing) this.next();
@@ -189,7 +189,7 @@ class Comparison {
     this.play.textContent = this.now.playing ? "Pause" : "Play";
   }
 
-  /** Both pictures and their difference in colours, once for each data and exposure. */
+  /** Both pictures and their difference in colors, once for each data and exposure. */
   paint(data) {
     const { exposure } = this.now;
     if (this.painted === data && this.paintedAt === exposure) return;
@@ -229,8 +229,8 @@ class Comparison {
       pen.clip();
       place(a);
       pen.restore();
-      for (const [colour, half] of [["#000", 2], ["#fff", 1]]) {
-        pen.fillStyle = colour;
+      for (const [color, half] of [["#000", 2], ["#fff", 1]]) {
+        pen.fillStyle = color;
         pen.fillRect(at - half, 0, 2 * half, tall);
       }
     }
@@ -275,7 +275,7 @@ class Comparison {
     drawCurves(this.plot, state.clock, lines, { bin: step ?? undefined }, words, { log: this.now.log, dark, ink });
     this.plot.setAttribute("aria-label", `${words.quantity} over ${words.below} of A and B`);
     this.log.set(this.now.log);
-    this.keys.forEach((key, k) => (key.style.color = colourOf(k, dark)));
+    this.keys.forEach((key, k) => (key.style.color = colorOf(k, dark)));
   }
 }
 

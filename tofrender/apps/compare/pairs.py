@@ -11,7 +11,7 @@ import numpy as np
 
 from ...labels import TRANSIENT, intensity, read
 from ...runtime import checks
-from ...signals.colour import luminance
+from ...signals.color import luminance
 from ...vis.transient import Transient
 from ..explorer.measurements import film_of, is_film, picture_of_taps
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 LIGHT = "radiance"  # Start of the quantities of renders
-DENSITY = "radiance per metre"
+DENSITY = "radiance per meter"
 WHITE = 0.995  # Part of all lit values that are not brighter than white
 FILMS = (".npz", ".zarr", ".exr", ".nc")  # Suffixes of films and measurements
 LOOKED_AT = 16  # Number of bins of a film for the estimate of its brightness
@@ -143,7 +143,7 @@ class Pair:
             name = self.pictures[1].name
             raise ValueError(f"{name}: {b.quantity}; must be {a.quantity}, as the other film")
         if a.quantity != b.quantity or not math.isclose(a.bin_width_opl, b.bin_width_opl):
-            self.quantity = DENSITY if is_light[0] else f"{a.quantity} per metre"
+            self.quantity = DENSITY if is_light[0] else f"{a.quantity} per meter"
             dense = [film.quantity.startswith(DENSITY) for film in (a, b)]
             self._factors = [d or 1 / f.bin_width_opl for d, f in zip(dense, (a, b), strict=True)]
         return Clock(start, width, count)

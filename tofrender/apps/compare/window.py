@@ -8,7 +8,7 @@ import numpy as np
 
 from ...runtime import backend
 from ...runtime.editions import LeftOut
-from ...signals.colour import LUMINANCE
+from ...signals.color import LUMINANCE
 from ..ui import bundle
 from ..ui.page import App, failure
 from .pairs import Pair, alike, numbers
@@ -36,8 +36,8 @@ class Comparison(App):
     def __init__(self, executor: Executor, scene: str | None, pair: Pair | None) -> None:
         from matplotlib import colormaps
 
-        colours = np.rint(255 * colormaps[DIFFERENCES](np.arange(256) / 255)[:, :3])
-        state: dict[str, Any] = {"colours": colours.astype(np.uint8).tobytes(), "white": 1.0}
+        colors = np.rint(255 * colormaps[DIFFERENCES](np.arange(256) / 255)[:, :3])
+        state: dict[str, Any] = {"colors": colors.astype(np.uint8).tobytes(), "white": 1.0}
         chosen: dict[str, Any] = {}
         if pair is None:
             scene = scene or SCENES[0]

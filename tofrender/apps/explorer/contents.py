@@ -10,8 +10,8 @@ import numpy as np
 from ...rendering.cubes import Cube
 from ...runtime import checks, memory
 from ...runtime.atomic import readable
-from ...signals.colour import LUMINANCE
-from ...vis.colours import phase_map
+from ...signals.color import LUMINANCE
+from ...vis.colors import phase_map
 from .compression import Mode, Reduction, Scale, bands, reductions
 from .data import ExplorerData, explorer_data, facts, wall_of
 from .paths import path_lists
@@ -107,7 +107,7 @@ def contents_of(
     axis = {"width": found.axis["width"] * by.time, "count": math.ceil(bins / by.time)}
     header: dict[str, Any] = {
         "version": 1,
-        "perMetre": False,
+        "perMeter": False,
         "depth": "",
         "geometry": {},
         "orders": [],
@@ -156,8 +156,8 @@ def contents_of(
             values = np.moveaxis(blocks[..., 0], -1, 0)
         arrays.add(name, values, "u1" if name == "hatch" else "f4")
     maps = {name: colormaps[of] for name, of in MAPS.items()} | {"phase": phase_map()}
-    for name, colours in maps.items():
-        arrays.add(f"map {name}", np.rint(255 * colours(np.arange(256) / 255)[:, :3]), "u1")
+    for name, colors in maps.items():
+        arrays.add(f"map {name}", np.rint(255 * colors(np.arange(256) / 255)[:, :3]), "u1")
     header["notes"] = [*_notes(header, found, by, is_fine), *found.notes]
     header["parts"] = arrays.parts
     return Contents(header, b"".join(arrays.pieces))

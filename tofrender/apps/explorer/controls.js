@@ -16,7 +16,7 @@ const KEYS =
   "Click to add a pixel, drag to move it; drag in the curves to move time or the gate. In 3D: drag or " +
   "arrows turn, + and − zoom, 0 turns back, Shift and arrows move the chosen point.";
 const SET_AS_CALLED = [
-  ...["exposure", "gamma", "colours", "smooth", "stokes", "unwarped", "laser", "channel", "log"],
+  ...["exposure", "gamma", "colors", "smooth", "stokes", "unwarped", "laser", "channel", "log"],
   ...["threshold", "zoom"],
 ];
 
@@ -76,9 +76,9 @@ export function makeParts(recording, now, set) {
     say: (zoom) => `${zoom.toFixed(2)}×`,
     moved: (zoom) => set({ zoom }),
   });
-  const looks = [["colour", "as rendered"], ["grey", "grey"], ["false", "false colour"]];
+  const looks = [["color", "as rendered"], ["gray", "gray"], ["false", "false color"]];
   const offered = recording.weights.length === 3 ? looks : looks.slice(1);
-  parts.colours = list("Colours", offered, (colours) => set({ colours }));
+  parts.colors = list("Colors", offered, (colors) => set({ colors }));
   parts.smooth = tick("Smooth", (smooth) => set({ smooth }));
   parts.unwarped = tick("Without the camera segment", (unwarped) => set({ unwarped }));
   parts.unwarped.hidden = !recording.distances;
@@ -131,7 +131,7 @@ export function layout(parts, { about, isVolume, hasTimes, hasPhasors }, level) 
   const panel = (title, ...children) => make("section", { className: "panel", "aria-label": title }, ...children);
   parts.transport = group("transport", parts.play, parts.time, parts.speed);
   parts.gates = group("transport", parts.gateStart, parts.gateWidth);
-  const tones = hasTimes ? [parts.exposure, parts.gamma, parts.colours] : [];
+  const tones = hasTimes ? [parts.exposure, parts.gamma, parts.colors] : [];
   const look = group("look", parts.threshold, parts.zoom, ...tones, parts.smooth, parts.unwarped, parts.laser);
   const left = group("left", parts.views, parts.stokes, parts.frame, parts.space.element, parts.bar);
   left.append(parts.transport, parts.gates, parts.readout, parts.assumes, parts.hatched, look);
@@ -174,5 +174,5 @@ export function showControls(parts, recording, now) {
   parts.transport.hidden = now.view === "gate" || recording.count === 1 || !recording.hasTimes;
   parts.gates.hidden = now.view !== "gate";
   parts.threshold.hidden = parts.zoom.hidden = now.view !== "space";
-  parts.colours.hidden = parts.smooth.hidden = now.view === "space";
+  parts.colors.hidden = parts.smooth.hidden = now.view === "space";
 }

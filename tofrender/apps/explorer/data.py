@@ -29,8 +29,8 @@ from ...nlos.reconstruction.measured import WallFrame
 from ...rendering.cubes import Cube
 from ...rendering.dataset import DIMS, QUANTITIES
 from ...runtime import checks
-from ...signals.colour import luminance
-from ...signals.polarisation import STOKES
+from ...signals.color import luminance
+from ...signals.polarization import STOKES
 from ...signals.units import ns_to_opl
 from ...vis.transient import Transient, typeset
 from ...vis.unwarp import checked_distances
@@ -200,10 +200,10 @@ def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Ex
 
     # Label the axis of time
     unwarped = bool(data.attrs.get("camera_unwarp"))
-    per_metre = data.attrs["quantity"] == "radiance per metre"
-    mode: Mode = "mean" if per_metre else "sum"
+    per_meter = data.attrs["quantity"] == "radiance per meter"
+    mode: Mode = "mean" if per_meter else "sum"
     label = f"optical path length, camera segment {'left out' if unwarped else 'included'}"
-    header = {"kind": "transient", "quantity": _quantity(data.attrs), "perMetre": per_metre}
+    header = {"kind": "transient", "quantity": _quantity(data.attrs), "perMeter": per_meter}
     header["depth"] = "" if unwarped else "a flash at the camera, and a single bounce"
     if frames:
         header["frames"] = [float(time) for time in data["frame"].values]
@@ -214,7 +214,7 @@ def _transient(data: xr.Dataset, orders: dict[str, Cube], distance_m: Any) -> Ex
     light = cube("transient") if frames else seen.values
     found = ExplorerData(header, light, mode, axis, arrays, first=(seen.x0, seen.y0))
     if "transient_error" in data:
-        found.layers["errors"] = cube("transient_error"), "mean error" if per_metre else "error"
+        found.layers["errors"] = cube("transient_error"), "mean error" if per_meter else "error"
     found.layers |= {f"orders {name}": (each, mode) for name, each in orders.items()}
     if "steady" in data:
         steady = cube("steady")

@@ -127,8 +127,8 @@ class Explorer {
     const { now, recording, responses } = this;
     return {
       ...structuredClone(now),
-      opl: recording.centre(now.bin),
-      ns: nanoseconds(recording.centre(now.bin)),
+      opl: recording.center(now.bin),
+      ns: nanoseconds(recording.center(now.bin)),
       bins: recording.count,
       start: recording.start,
       gain: this.gain,
@@ -179,7 +179,7 @@ class Explorer {
     for (const [part, works] of [
       [parts.exposure, picture.gain],
       [parts.gamma, picture.gain],
-      [parts.colours, picture.gain && isPlain],
+      [parts.colors, picture.gain && isPlain],
       [parts.stokes, ["light", "gate", "total"].includes(now.view)],
     ]) {
       part.classList.toggle("idle", !works);
@@ -235,7 +235,7 @@ function opening(recording, brightest) {
     speed: "1",
     exposure: 0,
     gamma: 2.2,
-    colours: isVolume ? "false" : recording.weights.length === 3 ? "colour" : "grey",
+    colors: isVolume ? "false" : recording.weights.length === 3 ? "color" : "gray",
     smooth: about.grid.step > 1,
     pixels: about.paths.length ? about.paths.map(({ pixel }) => recording.at(pixel)) : tellingPixels(recording),
     active: 0,

@@ -1,12 +1,12 @@
-/** The frame around the picture: the picture, its colour bar, its markers, and places in it. */
+/** The frame around the picture: the picture, its color bar, its markers, and places in it. */
 
 import { make, placeIn } from "../ui/parts.js";
-import { colourOf } from "./plot.js";
+import { colorOf } from "./plot.js";
 import { clamp } from "./words.js";
 
 const NEAR_MARKER = 14; // px
 
-/** Show a picture with its colour bar. */
+/** Show a picture with its color bar. */
 export function showPicture({ canvas, frame, space, bar, assumes, hatched }, picture, smooth) {
   frame.hidden = Boolean(picture.scene);
   space.element.hidden = !picture.scene;
@@ -24,7 +24,7 @@ export function showPicture({ canvas, frame, space, bar, assumes, hatched }, pic
   bar.replaceChildren(stripOf(map), make("div", {}, ...says.map((each) => make("span", {}, each))));
 }
 
-/** The colours of a map, from left to right. */
+/** The colors of a map, from left to right. */
 export function stripOf(map) {
   const bytes = new Uint8ClampedArray(1024).fill(255);
   for (let i = 0; i < 256; i++) bytes.set(map.subarray(3 * i, 3 * i + 3), 4 * i);
@@ -51,7 +51,7 @@ export function showMarkers({ markers }, recording, now, dark) {
   };
   const pixels = now.pixels.map(([column, row], k) => {
     const marker = make("div", { className: k === now.active ? "marker active" : "marker" }, String(k + 1));
-    marker.style.setProperty("--own", colourOf(k, dark));
+    marker.style.setProperty("--own", colorOf(k, dark));
     return put(marker, column, row);
   });
   const { grid, geometry } = recording.about;

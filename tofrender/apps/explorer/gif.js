@@ -4,7 +4,7 @@ const CODES = 4096; // of LZW
 
 /** Encode a film, frame after frame. */
 export class Gif {
-  /** `samples` are pictures (bytes of red, green, blue, opaque) with the colours of all frames. */
+  /** `samples` are pictures (bytes of red, green, blue, opaque) with the colors of all frames. */
   constructor(width, height, samples) {
     Object.assign(this, { width, height });
     this.palette = paletteOf(samples);
@@ -98,7 +98,7 @@ class Bits {
   }
 }
 
-/** The 256 colours of pictures that are there most often. */
+/** The 256 colors of pictures that are there most often. */
 function paletteOf(samples) {
   const counts = new Map();
   for (const bytes of samples) {

@@ -22,7 +22,7 @@ function fieldsOf(recording) {
     view: ["view", one(...viewsOf(recording).map(([view]) => view))],
     shown: ["stokes", one(...(recording.stokes.length > 1 ? Object.keys(STOKES) : ["S0"]))],
     of: ["channel", one("luminance", ...recording.weights.map((_, k) => String(k)))],
-    colours: ["colours", one("grey", "false", recording.weights.length === 3 ? "colour" : "grey")],
+    colors: ["colors", one("gray", "false", recording.weights.length === 3 ? "color" : "gray")],
     phasor: ["phasor", one("depth", "phase", "amplitude")],
     [isVolume ? "z" : "t"]: ["bin", { write: (bin) => fromBin(bin + 0.5), read: (text) => toBin(text) - 0.5 }],
     gate: ["gate", {

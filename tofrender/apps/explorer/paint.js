@@ -59,7 +59,7 @@ export function paintLight(planes, { gain, curve, weights, map, hatch, width }) 
   return bytes;
 }
 
-/** Numbers as colours of a map from `low` to `high`; a hatch where there is none. */
+/** Numbers as colors of a map from `low` to `high`; a hatch where there is none. */
 export function paintMap(values, { low, high, map, width }) {
   const bytes = new Uint8ClampedArray(4 * values.length);
   const scale = 255 / (high - low || 1);

@@ -6,7 +6,7 @@ import { distance, Space } from "./space.js";
 import { STOKES } from "./stokes.js";
 import { hertz, lengthText, short, when } from "./words.js";
 
-const BAR = [0, 0.25, 0.5, 0.75, 1]; // where a colour bar has numbers
+const BAR = [0, 0.25, 0.5, 0.75, 1]; // where a color bar has numbers
 const TURNING = ["space", "3D", "The volume before its wall, to be turned"];
 
 /** Views of a recording: what `view` is called, its label, and what it shows. */
@@ -96,27 +96,27 @@ export class Pictures {
     }
   }
 
-  /** Light, or what polarised light is shown by; `sums(layer)` has planes of these values. */
+  /** Light, or what polarized light is shown by; `sums(layer)` has planes of these values. */
   lit(now, sums, brightest, { width, height }, says) {
     const { recording } = this;
     const gain = 2 ** now.exposure / brightest;
     const hatch = this.hatch(width, height);
     const size = { width, height, says, hatched: hatch && recording.about.hatched };
-    if (now.stokes !== "S0") return { ...size, ...this.polarised(now, sums, gain, hatch, width) };
+    if (now.stokes !== "S0") return { ...size, ...this.polarized(now, sums, gain, hatch, width) };
     if (this.curveOf !== now.gamma) {
       this.curveOf = now.gamma;
       this.toneCurve = toneCurve(now.gamma);
     }
-    const map = now.colours === "false" ? recording.part("map false") : null;
+    const map = now.colors === "false" ? recording.part("map false") : null;
     const bytes = paintLight(sums(recording.light), {
       ...{ gain, curve: this.toneCurve, map, hatch, width },
-      weights: now.colours === "colour" ? null : recording.weights,
+      weights: now.colors === "color" ? null : recording.weights,
     });
     const bar = map && { map, says: BAR.map((part) => short(part ** now.gamma / gain, 2)) };
     return { ...size, bytes, gain, bar };
   }
 
-  polarised(now, sums, gain, hatch, width) {
+  polarized(now, sums, gain, hatch, width) {
     const { recording } = this;
     const { name, parts, of, ...look } = STOKES[now.stokes];
     const planes = parts.map((k) => recording.luminance(sums(recording.stokes[k])));
@@ -125,7 +125,7 @@ export class Pictures {
     if (look.range) {
       const [low, high] = look.range;
       const map = recording.part(look.map);
-      const hatched = [recording.about.hatched, "no light or no polarisation"].filter(Boolean).join(", or ");
+      const hatched = [recording.about.hatched, "no light or no polarization"].filter(Boolean).join(", or ");
       const bytes = paintMap(values, { low, high, map, width });
       return { bytes, assumes, hatched, bar: mapBar(map, low, high, look.unit) };
     }
@@ -149,13 +149,13 @@ export class Pictures {
       ? `Depth = path length of the brightest bin / 2. It assumes ${about.depth}.`
       : isVolume
         ? "Distance of the brightest voxel from the wall."
-        : "Centre of the bin in which each pixel is brightest.";
+        : "Center of the bin in which each pixel is brightest.";
     const dark = values.some(Number.isNaN) ? (isVolume ? "too weak" : "no light") : "";
     const hatched = [about.hatched, dark].filter(Boolean).join(", or ");
     return { ...this.mapped(values, width, { low, high, unit, map: "map distance" }), height, assumes, hatched };
   }
 
-  /** Numbers as a picture in the colours of a map. */
+  /** Numbers as a picture in the colors of a map. */
   mapped(values, width, { low, high, unit, map: name }) {
     const map = this.recording.part(name);
     const says = `${short(low)} to ${short(high)} ${unit}`;

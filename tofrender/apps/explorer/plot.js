@@ -1,20 +1,20 @@
-/** Curves over path length with axes in metres and nanoseconds, and phasors in their plane. */
+/** Curves over path length with axes in meters and nanoseconds, and phasors in their plane. */
 
 import { SPEED_OF_LIGHT } from "./recording.js";
 import { raised, signed } from "./words.js";
 
-/** Okabe and Ito's colours that show on white and on black, and dashes for those who see none. */
+/** Okabe and Ito's colors that show on white and on black, and dashes for those who see none. */
 export const STYLES = [
-  { colour: "#0072b2", dark: "#56b4e9", dash: [] },
-  { colour: "#d55e00", dark: "#e69f00", dash: [7, 3] },
-  { colour: "#009e73", dark: "#2cc295", dash: [2, 3] },
-  { colour: "#b3558c", dark: "#dd8fb8", dash: [9, 3, 2, 3] },
-  { colour: "#8a6d00", dark: "#f0e442", dash: [5, 2] },
-  { colour: "#555555", dark: "#c8c8c8", dash: [1, 2] },
+  { color: "#0072b2", dark: "#56b4e9", dash: [] },
+  { color: "#d55e00", dark: "#e69f00", dash: [7, 3] },
+  { color: "#009e73", dark: "#2cc295", dash: [2, 3] },
+  { color: "#b3558c", dark: "#dd8fb8", dash: [9, 3, 2, 3] },
+  { color: "#8a6d00", dark: "#f0e442", dash: [5, 2] },
+  { color: "#555555", dark: "#c8c8c8", dash: [1, 2] },
 ];
 
-export function colourOf(k, dark) {
-  return dark ? STYLES[k].dark : STYLES[k].colour;
+export function colorOf(k, dark) {
+  return dark ? STYLES[k].dark : STYLES[k].color;
 }
 
 const MARGIN = { left: 64, right: 14, top: 40, bottom: 38 };
@@ -65,7 +65,7 @@ export class Axes {
  *
  * @param curves {values, errors, style, faint, dots} each; `style` is an index of STYLES.
  * @param marks {bin} or {gate: {first, count}}: what is shown now.
- * @param words {quantity, below, above}: titles of axes; `below` counts in ns unless `inMetres`.
+ * @param words {quantity, below, above}: titles of axes; `below` counts in ns unless `inMeters`.
  * @param range of values, if it is known beforehand.
  */
 export function drawCurves(canvas, axis, curves, marks, words, { log, range, dark, ink }) {
@@ -149,7 +149,7 @@ function drawGrid(pen, axes, y, { low, high, log }, words, ink) {
   pen.textAlign = "center";
   const count = (axes.right - axes.left) / 90;
   const nanoseconds = 1e9 / SPEED_OF_LIGHT;
-  const below = words.inMetres ? 1 : nanoseconds;
+  const below = words.inMeters ? 1 : nanoseconds;
   pen.textBaseline = "top";
   for (const value of ticks(axes.start * below, axes.stop * below, count)) {
     line(pen, axes.x(value / below), axes.bottom, axes.x(value / below), axes.bottom + 4);
@@ -173,7 +173,7 @@ function drawGrid(pen, axes, y, { low, high, log }, words, ink) {
 }
 
 function drawCurve(pen, axes, y, { values, errors, style, faint, dots }, dark) {
-  pen.strokeStyle = pen.fillStyle = colourOf(style, dark);
+  pen.strokeStyle = pen.fillStyle = colorOf(style, dark);
   const middle = (bin) => axes.x(axes.start + (bin + 0.5) * axes.width);
   if (errors) drawErrors(pen, middle, y, values, errors);
   if (dots) return values.forEach((value, bin) => pen.fillRect(middle(bin) - 1.5, y(value) - 1.5, 3, 3));
@@ -242,7 +242,7 @@ export function drawPhasors(canvas, phasors, { dark, ink }) {
   for (const { amplitude, phase, style } of phasors) {
     const length = (amplitude / longest) * radius;
     const tip = [x + length * Math.cos(phase), y - length * Math.sin(phase)];
-    pen.strokeStyle = pen.fillStyle = colourOf(style, dark);
+    pen.strokeStyle = pen.fillStyle = colorOf(style, dark);
     pen.lineWidth = 2;
     pen.setLineDash(STYLES[style].dash);
     line(pen, x, y, ...tip);

@@ -3,7 +3,7 @@
  *
  * The bins of a layer are codes (laser, bin, channel, row, column) of one byte: 0 is nothing, any
  * other q stands for least * ratio^(q - 1); in layers with a sign, 128 + q is negative. Lengths are
- * metres of optical path.
+ * meters of optical path.
  */
 
 export const SPEED_OF_LIGHT = 299_792_458; // m/s
@@ -35,7 +35,7 @@ class Layer {
   }
 }
 
-/** Codes from those that say how far each is from the one before it, and colours from green. */
+/** Codes from those that say how far each is from the one before it, and colors from green. */
 function unpacked({ pictures, bins, channels, height, width }, steps) {
   const codes = new Uint8Array(steps.length);
   const pixels = height * width;
@@ -115,8 +115,8 @@ export class Recording {
 
   // ------------------------------------------------------------------------------------ bins
 
-  /** Path length at a bin's centre. */
-  centre(bin) {
+  /** Path length at a bin's center. */
+  center(bin) {
     return this.edge(bin + 0.5);
   }
 
@@ -260,7 +260,7 @@ export class Recording {
 
   // ---------------------------------------------------------------------------------- phasors
 
-  /** P = sum of L exp(+i 2 pi f opl / c) over bin centres: planes of its real and imaginary parts. */
+  /** P = sum of L exp(+i 2 pi f opl / c) over bin centers: planes of its real and imaginary parts. */
   phasors(frequency) {
     if (this.about.frequencies) {
       const from = this.about.frequencies.indexOf(frequency) * this.light.pixels;
@@ -271,7 +271,7 @@ export class Recording {
     const re = new Float32Array(pixels);
     const im = new Float32Array(pixels);
     const tables = this.weights.map((weight) => this.light.values.map((value) => weight * value));
-    const scale = this.about.perMetre ? this.about.axis.width : 1;
+    const scale = this.about.perMeter ? this.about.axis.width : 1;
     const turn = (2 * Math.PI * frequency) / SPEED_OF_LIGHT;
     for (let bin = 0; bin < this.about.axis.count; bin++) {
       const opl = this.about.axis.start + (bin + 0.5) * this.about.axis.width;
@@ -302,12 +302,12 @@ export class Recording {
       return { ...partsOf(frequency), unwrapped: unwrapped(frequencies.map(partsOf), frequencies) };
     }
     const turn = (2 * Math.PI * frequency) / SPEED_OF_LIGHT;
-    const scale = this.about.perMetre ? this.width : 1;
+    const scale = this.about.perMeter ? this.width : 1;
     let re = 0;
     let im = 0;
     this.response(pixel).forEach((light, bin) => {
-      re += scale * light * Math.cos(turn * this.centre(bin));
-      im += scale * light * Math.sin(turn * this.centre(bin));
+      re += scale * light * Math.cos(turn * this.center(bin));
+      im += scale * light * Math.sin(turn * this.center(bin));
     });
     return phasorParts(re, im, frequency);
   }

@@ -4,14 +4,14 @@ import { fill, lineSwatch, make } from "../ui/parts.js";
 import { canvasOf, hasPixels } from "./frame.js";
 import { removePixel } from "./input.js";
 import { largestOfCells, paintMap } from "./paint.js";
-import { colourOf, dotsOf, drawCurves, drawMap, drawPhasors } from "./plot.js";
+import { colorOf, dotsOf, drawCurves, drawMap, drawPhasors } from "./plot.js";
 import { SPEED_OF_LIGHT, combinedRange } from "./recording.js";
 import { STOKES } from "./stokes.js";
 import { hertz, named, nanoseconds, raised, short, signed, when } from "./words.js";
 
 const DASHES = [[4, 2], [1, 2], [8, 2, 2, 2], [2, 4], [10, 4], [1, 5]]; // of bounce orders
 const MOST_CURVES = 200; // that are remembered
-const RATE_DECADES = 4; // of the colours of light by rates
+const RATE_DECADES = 4; // of the colors of light by rates
 
 /** What pixels show of an explorer: its now, recording, parts, set. */
 export class Responses {
@@ -25,7 +25,7 @@ export class Responses {
     this.known = new Map();
   }
 
-  /** The response of a pixel: luminance or one channel, with its standard error, or polarisation. */
+  /** The response of a pixel: luminance or one channel, with its standard error, or polarization. */
   curve([column, row], k = -1) {
     const { now, recording } = this.explorer;
     const name = `${column} ${row} ${now.channel} ${now.stokes}`;
@@ -92,7 +92,7 @@ export class Responses {
     const component = now.stokes === "S0" ? about.quantity : `${now.stokes}: ${about.quantity}`;
     const quantity = range ? `${name}${unit && ` [${unit}]`}` : component;
     const words = isVolume
-      ? { quantity, below: `${what} [m]`, inMetres: true }
+      ? { quantity, below: `${what} [m]`, inMeters: true }
       : { quantity, below: "time [ns]", above: `${what} [m]` };
     const narrow = parts.plot.clientWidth < 480;
     if (narrow && words.above) words.above = "optical path length [m]";
@@ -106,7 +106,7 @@ export class Responses {
       const sizes = components[0].map(Math.abs);
       const peak = sizes.indexOf(sizes.reduce((a, b) => Math.max(a, b)));
       const light = of(...components.map((each) => each.subarray(from, to).reduce((a, b) => a + b)));
-      const at = recording.centre(peak);
+      const at = recording.center(peak);
       const times = isVolume ? [`${short(at, 4)} m`] : [`${short(nanoseconds(at), 4)} ns`, `${short(at, 4)} m`];
       return [this.chip(k, dark), named(recording, now.pixels[k]), short(light), ...times, this.cross(k)];
     });
@@ -125,7 +125,7 @@ export class Responses {
       words.push(`${counts ? "Dots are counts, the line is of" : "Thin lines are parts of"} pixel ${now.active + 1}:`);
     }
     const keys = (active?.orders ?? []).map(({ name }, k) => {
-      const swatch = lineSwatch(counts ? [] : DASHES[k % DASHES.length], colourOf(active.style, dark));
+      const swatch = lineSwatch(counts ? [] : DASHES[k % DASHES.length], colorOf(active.style, dark));
       return make("span", { className: "key" }, swatch, name);
     });
     parts.legend.hidden = !words.length;
@@ -168,7 +168,7 @@ export class Responses {
     const { top, image } = this.known.get(key);
     const range = { start: axis.start / 2, width: axis.width / 2, count: axis.count };
     const [low, high] = [0, rateAxis.count].map((bin) => (rateAxis.start + bin * rateAxis.width) / 2);
-    const words = { quantity: "velocity, half the rate [m/s]", below: "range, half the path length [m]", inMetres: true };
+    const words = { quantity: "velocity, half the rate [m/s]", below: "range, half the path length [m]", inMeters: true };
     drawMap(parts.rates, range, { low, high }, image, words, ink);
     const of = chosen ? `Pixel ${named(recording, chosen)}` : "All pixels";
     parts.ratesOf.textContent = `${of}: up to ${short(10 ** top)}, black below 10${raised(-RATE_DECADES)} of that.`;
@@ -177,7 +177,7 @@ export class Responses {
 
   chip(k, dark) {
     const chip = make("button", { type: "button", className: "chip", title: `Choose pixel ${k + 1}` }, String(k + 1));
-    chip.style.setProperty("--own", colourOf(k, dark));
+    chip.style.setProperty("--own", colorOf(k, dark));
     chip.classList.toggle("active", k === this.explorer.now.active);
     chip.addEventListener("click", () => this.explorer.set({ active: k }));
     return chip;

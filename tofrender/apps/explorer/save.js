@@ -104,7 +104,7 @@ function saveCurves(explorer) {
     ...curves.map(({ name, resolution }) => [`${name}_resolution`, resolution]),
   ].filter(([, values]) => values);
   const rows = Array.from({ length: recording.count }, (_, bin) => {
-    const opl = recording.centre(bin);
+    const opl = recording.center(bin);
     const at = recording.isVolume ? [opl] : [(1e9 * opl) / SPEED_OF_LIGHT, opl];
     const values = columns.map(([, column]) => column[bin]);
     return [...at, ...values].map((value) => String(Number(value.toPrecision(9))));
@@ -134,7 +134,7 @@ function fontFor(pen, line, width) {
   return font(size);
 }
 
-/** A picture with its colour bar and what it says; its longer side has `least` pixels or more. */
+/** A picture with its color bar and what it says; its longer side has `least` pixels or more. */
 function poster(explorer, { scene, bytes, says, bar, ...picture }, least) {
   const { paper, soft } = inkOf(explorer.root);
   if (scene) explorer.parts.space.draw(scene);

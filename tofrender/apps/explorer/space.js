@@ -1,6 +1,6 @@
 /**
  * A volume in front of its relay wall: where its voxels are, and ellipsoids of a path length. Points
- * are metres in the wall's frame: x along its columns, y along its rows, z into the hidden scene.
+ * are meters in the wall's frame: x along its columns, y along its rows, z into the hidden scene.
  */
 
 const EYE = 4; // distance of the eye from the middle, in radii of what is shown
@@ -46,7 +46,7 @@ export class Space {
    * of the bin comes from, else the `plane` of the bin.
    */
   chosen({ bin, laser, pixels, active }) {
-    const z = this.recording.centre(bin);
+    const z = this.recording.center(bin);
     const middle = (k, axis) => this.box[axis][0] + (k + 0.5) * this.box[axis][1];
     if (!this.hasCapture) return { points: pixels.map(([x, y]) => [middle(x, 0), middle(y, 1), z]), plane: z };
     const points = pixels.map((pixel) => this.point(pixel));
@@ -58,7 +58,7 @@ export class Space {
     return { points, ellipsoid: { foci: [spot, sensor], length, width: this.recording.width } };
   }
 
-  /** Centres and codes of voxels from a fraction of the largest on; the brightest if too many. */
+  /** Centers and codes of voxels from a fraction of the largest on; the brightest if too many. */
   voxels(threshold) {
     const { layer, box } = this;
     const counts = new Float64Array(256);

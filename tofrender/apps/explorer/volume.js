@@ -1,7 +1,7 @@
 /** The view of a volume that the reader turns. */
 
 import { follow, make } from "../ui/parts.js";
-import { colourOf, sharp } from "./plot.js";
+import { colorOf, sharp } from "./plot.js";
 import { ellipsoidLines, Eye } from "./space.js";
 import { clamp, short } from "./words.js";
 
@@ -241,7 +241,7 @@ function drawSpots(pen, eye, { space, points, view: { laser, active } }) {
   points.forEach((point, k) => {
     pen.beginPath();
     pen.arc(...eye.project(point), 9, 0, 2 * Math.PI);
-    pen.fillStyle = colourOf(k, true);
+    pen.fillStyle = colorOf(k, true);
     pen.strokeStyle = "#fff";
     pen.lineWidth = k === active ? 2.5 : 1;
     pen.fill();

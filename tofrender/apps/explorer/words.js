@@ -42,10 +42,10 @@ export function digits(step) {
 
 /** Time and path length of a bin, with digits that tell bins apart. */
 export function when(recording, bin) {
-  const opl = recording.centre(bin);
-  const metres = `${opl.toFixed(digits(recording.width))} m`;
-  if (recording.isVolume) return metres;
-  return `${nanoseconds(opl).toFixed(digits(nanoseconds(recording.width)))} ns  ·  ${metres}`;
+  const opl = recording.center(bin);
+  const meters = `${opl.toFixed(digits(recording.width))} m`;
+  if (recording.isVolume) return meters;
+  return `${nanoseconds(opl).toFixed(digits(nanoseconds(recording.width)))} ns  ·  ${meters}`;
 }
 
 /** A path length as time, or a depth in a volume. */

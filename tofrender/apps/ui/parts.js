@@ -136,9 +136,9 @@ export function tick(name, chosen, title = "") {
 }
 
 /** A short line, as a legend shows one. */
-export function lineSwatch(dash, colour) {
+export function lineSwatch(dash, color) {
   const ends = { x1: 0, y1: 5, x2: 28, y2: 5 };
-  const line = svg("line", { ...ends, stroke: colour, "stroke-width": 1.5, "stroke-dasharray": dash.join(" ") });
+  const line = svg("line", { ...ends, stroke: color, "stroke-width": 1.5, "stroke-dasharray": dash.join(" ") });
   return svg("svg", { width: 28, height: 10, "aria-hidden": "true" }, line);
 }
 
@@ -203,7 +203,7 @@ export function follow(element, { down, move, tap }) {
   });
 }
 
-/** Colours of a part as its style sheet has them, by names like "line". */
+/** Colors of a part as its style sheet has them, by names like "line". */
 export function inkOf(element) {
   const style = getComputedStyle(element);
   const names = ["paper", "text", "line", "grid", "soft", "accent", "band"];

@@ -106,11 +106,11 @@ def panels(verdict: Verdict) -> str:
 
     # Replace the colors of paper and ink
     drawn = stream.getvalue()
-    colours = palette()
-    drawn = drawn[drawn.index("<svg") :].replace(f"fill: {colours.paper}", "fill: none")
+    colors = palette()
+    drawn = drawn[drawn.index("<svg") :].replace(f"fill: {colors.paper}", "fill: none")
     alt = "Observed density, expected density, and their difference in standard deviations"
     drawn = drawn.replace("<svg ", f'<svg role="img" aria-label="{alt}" ', 1)
-    return drawn.replace(colours.ink, "currentColor")
+    return drawn.replace(colors.ink, "currentColor")
 
 
 def figure(drawn: Drawn, verdict: Verdict, title: str) -> Figure:

@@ -6,7 +6,7 @@
  * have the azimuth to the right and the cosine of the polar angle upwards.
  */
 
-import { colourOf, sharp, ticks } from "../explorer/plot.js";
+import { colorOf, sharp, ticks } from "../explorer/plot.js";
 import { clamp, signed } from "../explorer/words.js";
 import { follow, inkOf, isDark } from "../ui/parts.js";
 
@@ -50,7 +50,7 @@ export class Points {
     this.pen = sharp(canvas);
     this.ink = inkOf(canvas);
     this.pen.fillStyle = this.ink.text;
-    const colours = [0, 1].map((k) => colourOf(k, isDark(canvas)));
+    const colors = [0, 1].map((k) => colorOf(k, isDark(canvas)));
     const points = columns(data.points, data.dimensions);
     const lines = columns(data.lines, data.dimensions);
     canvas.style.cursor = shown.solid ? "grab" : "default";
@@ -65,8 +65,8 @@ export class Points {
     const places = ([x, y, z]) => Array.from(x, (each, i) => seen.project(each, y[i], z?.[i]));
     const [dots, grid] = [shown.points ? places(points) : [], shown.grid ? places(lines) : []];
     for (const { side, alpha } of seen.layers) {
-      this.dots(dots, side, colours[0], alpha);
-      this.lines(grid, side, seen.joins, colours[1], alpha);
+      this.dots(dots, side, colors[0], alpha);
+      this.lines(grid, side, seen.joins, colors[1], alpha);
     }
   }
 
@@ -152,10 +152,10 @@ export class Points {
 
   // ------------------------------------------------------------------------------------ strokes
 
-  dots(places, side, colour, alpha) {
+  dots(places, side, color, alpha) {
     const { pen } = this;
     const radius = Math.max(0.7, Math.min(3.2, 70 / Math.sqrt(places.length)));
-    pen.fillStyle = colour;
+    pen.fillStyle = color;
     pen.globalAlpha = alpha;
     for (const [x, y] of places.filter(side)) {
       pen.beginPath();
@@ -166,9 +166,9 @@ export class Points {
     pen.globalAlpha = 1;
   }
 
-  lines(places, side, joins, colour, alpha) {
+  lines(places, side, joins, color, alpha) {
     const { pen } = this;
-    pen.strokeStyle = colour;
+    pen.strokeStyle = color;
     pen.globalAlpha = alpha;
     pen.beginPath();
     for (let i = 1, at = -1; i < places.length; i++) {

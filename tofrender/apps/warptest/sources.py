@@ -18,7 +18,7 @@ from ...runtime import checks
 from ...runtime.editions import LeftOut
 from ...sampling.chi_square import Case
 from ...sampling.domains import to_numpy
-from .subjects import SUBJECTS, Subject, labelled
+from .subjects import SUBJECTS, Subject, labeled
 
 MEMORY = 4 << 30  # Memory that a user's module may use [bytes]
 ANSWER_S = 20.0  # Longest time of a call of a user's function [s]
@@ -45,7 +45,7 @@ class Library:
         subject = SUBJECTS[name]
         values = subject.values(given)
         sample, pdf = subject.make(lambda each: getattr(sampling, each), **values)
-        return Case(sample, pdf, subject.domain, labelled(name, values))
+        return Case(sample, pdf, subject.domain, labeled(name, values))
 
 
 def is_left_out(subject: Subject) -> bool:
@@ -127,7 +127,7 @@ class Module:
             lanes = max(len(np.asarray(each)) for each in points)
             return mi.Float(self._ask("density", query | {"points": _rows(points, lanes)}))
 
-        label = f"{labelled(name, values)} of {self.file_of(name)}"
+        label = f"{labeled(name, values)} of {self.file_of(name)}"
         return Case(sample, pdf, subject.domain, label)
 
     def refresh(self) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...runtime import checks
 from ...sampling import domains, images
-from ...signals.colour import luminance
+from ...signals.color import luminance
 
 Lookup = Callable[[str], Any]
 Functions = tuple[Callable[[Any], Any], Callable[[Any], Any]]
@@ -82,7 +82,7 @@ def density_of(image: Any) -> np.ndarray:
     return weights if weights.shape == (side, side) else images.resized(weights, side)
 
 
-def labelled(name: str, values: Mapping[str, Any]) -> str:
+def labeled(name: str, values: Mapping[str, Any]) -> str:
     """Return a subject's name with its parameters, for example "beckmann (alpha = 0.3)"."""
     numbers = [f"{key} = {value:g}" for key, value in values.items() if key != "image"]
     return f"{name} ({', '.join(numbers)})" if numbers else name

@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from ...runtime import checks
-from ...signals.illuminants import Colours
+from ...signals.illuminants import Colors
 
 if TYPE_CHECKING:
     from ...signals.pulses import Pulse
@@ -93,7 +93,7 @@ class ConfocalProjector(mi.Emitter):
         self.count = len(sigmas)
         self.positions = mi.Point2f(*(mi.Float(each.tolist()) for each in positions.T))
         self.sigmas = mi.Float(sigmas.tolist())
-        self.colors = Colours(powers / brightness[:, None])
+        self.colors = Colors(powers / brightness[:, None])
 
         # Distribution of power over the spots
         self.cumulative = mi.Float((np.cumsum(brightness) / brightness.sum()).tolist())

@@ -62,7 +62,7 @@ class RelayWallPath(TransientPath):
     """
 
     needs_lights = False
-    follows_polarisation = False
+    follows_polarization = False
     starts_at_lights = True
     takes_light_samples = False
     shown = ("max_depth", "use_nlos_only", "filter_bounces", "samples_hidden", "counts_legs")

@@ -33,7 +33,7 @@ OPTIONS = {
     "weighting": (("bp", "fbp"), "r2", partial(checks.one_of, allowed=WEIGHTINGS)),
     "surface": (("lct", "fk"), "diffuse", partial(checks.one_of, allowed=SURFACES)),
     "snr": (("lct",), None, _positive),
-    "wavelength": (("phasor",), None, partial(_positive, unit="metres")),
+    "wavelength": (("phasor",), None, partial(_positive, unit="meters")),
     "cycles": (("phasor",), 5.0, _positive),
 }
 """Methods, default and check of each option."""

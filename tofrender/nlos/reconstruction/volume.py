@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...rendering.labels import labelled
+from ...rendering.labels import labeled
 from ...runtime import checks
 from .measured import Measured, WallFrame
 
@@ -66,7 +66,7 @@ class VolumeGrid:
 def _axis(name: str, value: Any) -> tuple[float, float, int]:
     """Check an axis (low, high, count)."""
     *edges, count = checks.items(f"volume: {name}", value, 3, "(low, high, count)")
-    low, high = (checks.metres(f"volume: {name}", edge) for edge in edges)
+    low, high = (checks.meters(f"volume: {name}", edge) for edge in edges)
     count = checks.integer(f"volume: count of {name}", count, 1, checks.MAX_SIZE)
     checks.require(f"volume: {name}", value, low < high, "(low, high, count) with low < high")
     return low, high, count
@@ -169,4 +169,4 @@ def volume_dataset(
     )
     for axis, name in names.items():
         dataset[axis].attrs.update(units="m", long_name=name)
-    return labelled(dataset)
+    return labeled(dataset)

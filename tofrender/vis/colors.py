@@ -47,7 +47,7 @@ def hue_map() -> ListedColormap:
     return _ellipse("hue", (0.78, -0.044, 0.025), (0.145, 0.064, 0.11))
 
 
-def _ellipse(name: str, centre: Sequence[float], reach: Sequence[float]) -> ListedColormap:
+def _ellipse(name: str, center: Sequence[float], reach: Sequence[float]) -> ListedColormap:
     """Return 512 colors in equal steps on an ellipse in OKLab.
 
     The lightest color is at both ends of the map. L and a (green to red) follow the cosine, b (blue
@@ -58,7 +58,7 @@ def _ellipse(name: str, centre: Sequence[float], reach: Sequence[float]) -> List
     # Find angles with equal steps along the ellipse
     angle = np.linspace(0, 2 * math.pi, 4097)
     waves = np.stack([np.cos(angle), np.cos(angle), np.sin(angle)], axis=1)
-    lab = np.add(centre, np.multiply(reach, waves))
+    lab = np.add(center, np.multiply(reach, waves))
     steps = np.linalg.norm(np.diff(lab, axis=0), axis=1)
     arc_length = np.concatenate([[0], np.cumsum(steps)]) / steps.sum()
     angles = np.interp(np.arange(512) / 512, arc_length, angle)

@@ -1,4 +1,4 @@
-"""Polarised light against Fresnel's equations, and against Mitsuba's `stokes` integrator."""
+"""Polarized light against Fresnel's equations, and against Mitsuba's `stokes` integrator."""
 
 import drjit as dr
 import mitsuba as mi
@@ -14,7 +14,7 @@ from tofrender.paths import camera as cameras, scattering, walk
 from tofrender.paths.camera import sample_camera
 from tofrender.rendering.dataset import require_storable
 from tofrender.scenes.checking import check_scene
-from tofrender.signals import polarisation
+from tofrender.signals import polarization
 
 MONO, SPECTRAL = "llvm_ad_mono_polarized", "llvm_ad_spectral_polarized"
 N = 1.5
@@ -27,7 +27,7 @@ LAMP = {"type": "area", "radiance": {"type": "uniform", "value": 1.0}}
 
 
 @pytest.fixture(autouse=True)
-def _polarised(_variant):
+def _polarized(_variant):
     mi.set_variant(MONO)
 
 
@@ -57,21 +57,21 @@ def facing(p, d, up, size: float, **more) -> dict:
 def bench(
     *mirrors: tuple[float, float],
     bsdf: dict = GLASS,
-    polariser: float | None = None,
+    polarizer: float | None = None,
     roll: float = 0.0,
     **integrator,
 ) -> mi.Scene:
     """A lamp of radiance 1, mirrors after each other, and a camera that looks into the last.
 
     Each mirror has an angle of incidence and a twist around the ray that arrives, both in degrees.
-    Light that is polarised across the last plane of incidence oscillates along the camera's `up`
-    if there is no `roll`. The polariser before the lamp has an angle to the first mirror's plane.
+    Light that is polarized across the last plane of incidence oscillates along the camera's `up`
+    if there is no `roll`. The polarizer before the lamp has an angle to the first mirror's plane.
     """
     p, d, s = np.zeros(3), -Z, Y
     scene = {"type": "scene", "lamp": facing(p, d, s, 0.3, emitter=LAMP)}
-    if polariser is not None:
-        plate = {"type": "polarizer", "theta": {"type": "uniform", "value": polariser}}
-        scene["polariser"] = facing(p + 0.1 * d, d, s, 0.4, bsdf=plate)
+    if polarizer is not None:
+        plate = {"type": "polarizer", "theta": {"type": "uniform", "value": polarizer}}
+        scene["polarizer"] = facing(p + 0.1 * d, d, s, 0.4, bsdf=plate)
     for k, (incidence, twist) in enumerate(mirrors):
         p = p + d
         s = turned(s, d, twist)
@@ -99,7 +99,7 @@ def traced(scene: mi.Scene, samples: int, measurement=None, seed: int = 0) -> np
     ("incidence", "reflected", "degree"),
     [(45, 0.0502399, 0.8314794), (56.30993, 0.0739645, 1.0), (70, 0.1710425, 0.7515800)],
 )
-def test_glass_polarises_what_it_reflects(incidence, reflected, degree):
+def test_glass_polarizes_what_it_reflects(incidence, reflected, degree):
     # p1. Across the plane of incidence, which is along the camera's up, and so negative
     S = traced(bench((incidence, 0)), 200_000)
     assert abs(S[0] / reflected - 1) < 0.02
@@ -146,7 +146,7 @@ def test_matrices_stand_in_the_order_of_the_path(monkeypatch):
 
 def test_total_reflection_turns_phases():
     # p4. At 45 degrees by 2 atan(cos sqrt(sin² - 1 / n²) / sin²) = 36.869898 degrees
-    S = traced(bench((45, 0), bsdf=INSIDE, polariser=45.0), 1_000)
+    S = traced(bench((45, 0), bsdf=INSIDE, polarizer=45.0), 1_000)
     assert abs(S[0] - 0.5) < 1e-5
     assert np.allclose(np.abs(S[1:]) / S[0], [0, 0.8, 0.6], atol=1e-5)
 
@@ -154,7 +154,7 @@ def test_total_reflection_turns_phases():
 @pytest.mark.parametrize("incidence", [50.229, 53.258])
 def test_a_fresnel_rhomb_makes_light_circular(incidence):
     left, right = (
-        traced(bench(*2 * [(incidence, 0)], bsdf=INSIDE, polariser=each), 1_000)
+        traced(bench(*2 * [(incidence, 0)], bsdf=INSIDE, polarizer=each), 1_000)
         for each in (45.0, -45.0)
     )
     for S in (left, right):
@@ -180,7 +180,7 @@ SLAB = (0.91161175, -0.0657889), (0.0026345074, 0.9244850), (1.5112234e-5, 0.997
 
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_what_goes_to_and_fro_in_a_slab(order):
-    # p2. Unpolarised renderers have .91062428, .0019046309 and 3.98366e-6
+    # p2. Unpolarized renderers have .91062428, .0019046309 and 3.98366e-6
     inside = np.cos(np.arcsin(np.sin(np.radians(40)) / N))
     first = 2 + 1 / np.cos(np.radians(40)) + N * 0.3 / inside
     opl = first + order * 2 * N * 0.3 / inside
@@ -271,33 +271,33 @@ def test_bins_add_up_to_mitsubas_stokes(variant):
 
 @pytest.mark.parametrize("rfilter", ["box", "tent", "gaussian"])
 def test_filters_reach_over_all_components(rfilter):
-    """And no bin is more polarised than wholly."""
+    """And no bin is more polarized than wholly."""
     steady, bins = ours(metals(**LONG | {"rfilter": {"type": rfilter}}), 256)
     assert np.allclose(bins.sum(2), steady, atol=1e-4)
     for each in (steady, bins) if rfilter == "box" else ():
-        polarised = np.sqrt(np.sum(each[..., 1:, :].astype(float) ** 2, axis=-2))
-        assert np.all(polarised <= each[..., 0, :] * (1 + 1e-5) + 1e-6)
-        assert polarised.max() > 0.05
+        polarized = np.sqrt(np.sum(each[..., 1:, :].astype(float) ** 2, axis=-2))
+        assert np.all(polarized <= each[..., 0, :] * (1 + 1e-5) + 1e-6)
+        assert polarized.max() > 0.05
 
 
 @pytest.mark.parametrize("variant", [MONO, SPECTRAL])
-def test_what_depolarises_is_as_without_polarisation(variant):
+def test_what_depolarizes_is_as_without_polarization(variant):
     results = []
     for name in (variant, variant.replace("_polarized", "")):
         mi.set_variant(name)
         scene = mi.load_dict(tofrender.cornell_box(width=8, height=8, temporal_bins=20))
         results.append([np.array(each) for each in mi.render(scene, spp=16, seed=0)])
-    for polarised, plain in zip(*results, strict=True):
+    for polarized, plain in zip(*results, strict=True):
         count = plain.shape[-1]
-        assert np.allclose(polarised[..., :count], plain, rtol=1e-4, atol=1e-6)
-        assert not polarised[..., count:].any()
+        assert np.allclose(polarized[..., :count], plain, rtol=1e-4, atol=1e-6)
+        assert not polarized[..., count:].any()
 
 
 def test_light_is_a_column_that_stands_right_of_a_matrix():
     rng = np.random.default_rng(0)
     matrix, light = rng.random((4, 4)), rng.random(4)
     stokes = mi.SpectrumEntry(*[mi.UnpolarizedSpectrum(each) for each in light.tolist()])
-    found = polarisation.apply_throughput(mi.Spectrum(*matrix.ravel().tolist()), stokes)
+    found = polarization.apply_throughput(mi.Spectrum(*matrix.ravel().tolist()), stokes)
     assert np.ravel(found) == pytest.approx(matrix @ light, rel=1e-5)
 
 
@@ -447,15 +447,15 @@ def plate(z: float, **bsdf) -> dict:
 
 
 @pytest.mark.parametrize("z", [-1.0, 1.1, 2.0])
-def test_a_polariser_before_behind_and_inside_fog(z):
+def test_a_polarizer_before_behind_and_inside_fog(z):
     # A boundary of equal index would let all light through
     S = traced(mi.load_dict(fog(1.0) | {"plate": plate(z, type="polarizer")}), 100_000)
     assert abs(S[0] / (0.5 * np.exp(-1)) - 1) < 0.02
     assert np.allclose(S[1:] / S[0], [1, 0, 0], atol=1e-6)
 
 
-def test_fog_keeps_what_it_does_not_scatter_and_depolarises_the_rest():
-    # What is not scattered is e^-1 of the light, wholly polarised, whatever the albedo
+def test_fog_keeps_what_it_does_not_scatter_and_depolarizes_the_rest():
+    # What is not scattered is e^-1 of the light, wholly polarized, whatever the albedo
     absorbing, scattering = (
         traced(mi.load_dict(fog(1.0, albedo) | {"plate": plate(0, type="polarizer")}), 200_000)
         for albedo in (0.0, 0.9)
@@ -466,7 +466,7 @@ def test_fog_keeps_what_it_does_not_scatter_and_depolarises_the_rest():
 
 @pytest.mark.parametrize("angle", [30, 90, 140])
 @pytest.mark.parametrize("roll", [0, 25])
-def test_small_particles_polarise_what_they_scatter_once(angle, roll):
+def test_small_particles_polarize_what_they_scatter_once(angle, roll):
     # Sunlight that is turned by an angle: (1 - c²) / (1 + c²), across the plane of both directions
     a, r = np.radians(angle), np.radians(2 * roll)
     scene = fog(0.1, 0.5, phase={"type": "rayleigh"})
@@ -483,20 +483,20 @@ def test_small_particles_polarise_what_they_scatter_once(angle, roll):
 
 def test_a_dipole_does_not_shine_along_its_axis():
     comes, goes = mi.Vector3f(1, 0, 0), mi.Vector3f(0, 0, 1)
-    matrix = np.array(polarisation.rayleigh(mi.UnpolarizedSpectrum(0.1), comes, goes))
+    matrix = np.array(polarization.rayleigh(mi.UnpolarizedSpectrum(0.1), comes, goes))
     matrix = matrix.reshape(4, 4)
     for axis, expected in (([0.0, 0.0, 1.0], 0.0), ([0.0, 1.0, 0.0], 0.2)):
-        frame = np.array(polarisation.frame_rotation(mi.Vector3f(-1, 0, 0), mi.Vector3f(axis)))
+        frame = np.array(polarization.frame_rotation(mi.Vector3f(-1, 0, 0), mi.Vector3f(axis)))
         light = np.linalg.inv(frame.reshape(4, 4)) @ [1, 1, 0, 0]  # Oscillates along the axis
         assert np.allclose((matrix @ light)[0], expected, atol=1e-6)
-    straight = np.array(polarisation.rayleigh(mi.UnpolarizedSpectrum(1), -goes, goes))
+    straight = np.array(polarization.rayleigh(mi.UnpolarizedSpectrum(1), -goes, goes))
     assert np.allclose(straight.reshape(4, 4), np.eye(4), atol=1e-6)
-    back = polarisation.rayleigh(mi.UnpolarizedSpectrum(1), goes, goes)
+    back = polarization.rayleigh(mi.UnpolarizedSpectrum(1), goes, goes)
     assert not dr.any(dr.isnan(back[3, 3]))[0]
 
 
 def test_fog_of_small_particles_is_as_bright_as_it_is():
-    # Many times scattered: no more polarised than wholly, and bounded by the light there is
+    # Many times scattered: no more polarized than wholly, and bounded by the light there is
     S = traced(mi.load_dict(fog(2.0, 1.0, phase={"type": "rayleigh"})), 100_000)
     assert 0 < S[0] < 1
     assert np.linalg.norm(S[1:]) < 0.02 * S[0]
@@ -505,12 +505,12 @@ def test_fog_of_small_particles_is_as_bright_as_it_is():
 def test_rayleigh_in_a_blend_is_refused():
     blend = {"type": "blendphase", "weight": 0.5, "a": {"type": "rayleigh"}, "b": {"type": "hg"}}
     scene = mi.load_dict(fog(1.0, 0.5, phase=blend))
-    said = refusal(check_scene, scene, media=True, polarisation=True)
+    said = refusal(check_scene, scene, media=True, polarization=True)
     assert "phase = blendphase: rayleigh" in said
 
 
 @pytest.mark.parametrize("integrator", ["transient_nlos_path", "confocal_transient_path", "ao"])
-def test_who_does_not_follow_polarised_light_says_so(integrator):
+def test_who_does_not_follow_polarized_light_says_so(integrator):
     scene = metals(**LONG) | {"integrator": {"type": integrator}}
     said = refusal(tofrender.render, scene, spp=1, progress=False)
     assert said.startswith("variant = 'llvm_ad_mono_polarized': ")
@@ -549,7 +549,7 @@ def test_degrees_and_angles_of_a_render():
     lit = (dataset["transient"].sel(stokes="S0") > 1e-3).values
     assert np.isnan(degree.values[dataset["transient"].sel(stokes="S0").values <= 0]).all()
     assert degree.values[lit].max() <= 1 + 1e-4
-    figure = tofrender.polarisation_figure(dataset["steady"])
+    figure = tofrender.polarization_figure(dataset["steady"])
     assert [axes.get_title() for axes in figure.axes[::2]][2] == "linear angle"
 
 
@@ -557,22 +557,22 @@ def test_a_lamp_in_the_picture_does_not_make_the_rest_black():
     light = np.zeros((40, 40, 4, 1))
     light[:, :, 0] = 0.2
     light[:5, :5, 0] = 15.0  # 1.6 % of the pixels
-    figure = tofrender.polarisation_figure(light)
+    figure = tofrender.polarization_figure(light)
     assert figure.axes[0].images[0].get_clim() == pytest.approx((0, 0.2))
-    assert tofrender.polarisation_picture(light, "intensity")[20, 20].min() == 255
+    assert tofrender.polarization_picture(light, "intensity")[20, 20].min() == 255
 
 
-def test_pictures_in_false_colours():
+def test_pictures_in_false_colors():
     light = np.zeros((2, 3, 4, 1))
-    light[0, :, 0] = light[0, :, 1] = 1  # Wholly polarised across `up`; no light below
-    for shown, colour in (("intensity", 255), ("circular", 221), ("angle", None)):
-        found = tofrender.polarisation_picture(light, shown, exposure=1)
+    light[0, :, 0] = light[0, :, 1] = 1  # Wholly polarized across `up`; no light below
+    for shown, color in (("intensity", 255), ("circular", 221), ("angle", None)):
+        found = tofrender.polarization_picture(light, shown, exposure=1)
         assert (found.shape, found.dtype) == ((2, 3, 3), np.uint8)
         assert found[0].any()
         assert not found[1].any()
-        assert colour is None or found[0, 0] == pytest.approx(3 * [colour], abs=1)
-    light = np.zeros((1, 3, 4, 1))  # Paler where less is polarised
+        assert color is None or found[0, 0] == pytest.approx(3 * [color], abs=1)
+    light = np.zeros((1, 3, 4, 1))  # Paler where less is polarized
     light[0, :, 0], light[0, :, 2] = 0.5, [[0.0], [0.2], [0.5]]
-    spread = np.ptp(tofrender.polarisation_picture(light, exposure=1).astype(int)[0], axis=-1)
+    spread = np.ptp(tofrender.polarization_picture(light, exposure=1).astype(int)[0], axis=-1)
     assert spread.tolist() == sorted(spread.tolist())
     assert spread[0] == 0 < spread[2]

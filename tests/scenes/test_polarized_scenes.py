@@ -9,14 +9,14 @@ from helpers.scenes import load
 from helpers.support import with_film
 
 import tofrender
-from tofrender.scenes import BUILT_IN, polarised
+from tofrender.scenes import BUILT_IN, polarized
 
-POLARISED = "llvm_ad_mono_polarized"
+POLARIZED = "llvm_ad_mono_polarized"
 
 
 @pytest.fixture(autouse=True)
-def _polarised(_variant):
-    mi.set_variant(POLARISED)
+def _polarized(_variant):
+    mi.set_variant(POLARIZED)
 
 
 def rendered(described: dict, spp: int, seed: int = 0) -> list[np.ndarray]:
@@ -31,7 +31,7 @@ REFLECTED = ("lamp", "target", "ring", "gap", "eye")
 def middle_of_the_window(reflected: bool) -> np.ndarray:
     """The Stokes vector of a ray through the window's middle, in a window of time."""
     described = BUILT_IN["brewster_window"](width=2, height=2)
-    for name in ("polariser", "sheet", *(("room-lamp",) if reflected else REFLECTED)):
+    for name in ("polarizer", "sheet", *(("room-lamp",) if reflected else REFLECTED)):
         del described[name]
     described["sensor"]["fov"] = 0.1
     start = 3.0 if reflected else 6.2
@@ -40,7 +40,7 @@ def middle_of_the_window(reflected: bool) -> np.ndarray:
     return transient.sum(axis=(0, 1, 2))
 
 
-def test_reflected_light_is_polarised_wholly():
+def test_reflected_light_is_polarized_wholly():
     """At Brewster's angle both faces of the pane reflect what oscillates along `up` only."""
     s0, *rest = middle_of_the_window(reflected=True)
     assert s0 > 0
@@ -51,10 +51,10 @@ def test_reflected_light_is_polarised_wholly():
 def test_light_from_the_room_lacks_what_is_reflected():
     """S1 / S0 = R, with R = ((n² - 1) / (n² + 1))² of one face.
 
-    All orders of a pane pass (1 - R) / (1 + R) of the one polarisation, and all of the other, so
+    All orders of a pane pass (1 - R) / (1 + R) of the one polarization, and all of the other, so
     the degree is (1 - T) / (1 + T) = R. The bound is 5 % of R, the noise below 1 %.
     """
-    n = polarised.INDEX
+    n = polarized.INDEX
     reflected = ((n**2 - 1) / (n**2 + 1)) ** 2
     s0, *rest = middle_of_the_window(reflected=False)
     assert abs(reflected - 0.147929) < 1e-6
@@ -62,20 +62,20 @@ def test_light_from_the_room_lacks_what_is_reflected():
 
 
 def through_the_sheet(angle: float) -> np.ndarray:
-    """Light of the reflection and of the room, S0 of the pixels before which the polariser is."""
-    described = BUILT_IN["brewster_window"](width=32, height=32, polariser=angle)
+    """Light of the reflection and of the room, S0 of the pixels before which the polarizer is."""
+    described = BUILT_IN["brewster_window"](width=32, height=32, polarizer=angle)
     film = {"temporal_bins": 2, "start_opl": 3.0, "bin_width_opl": 3.2}
     _, transient = rendered(with_film(described, **film), 256)
     return transient[10:22, 6:14, :, 0].mean(axis=(0, 1))
 
 
-def test_a_polariser_takes_the_reflection_away():
+def test_a_polarizer_takes_the_reflection_away():
     (crossed, room), (kept, room_as_well) = through_the_sheet(0.0), through_the_sheet(90.0)
     assert crossed < 0.05 * kept
     assert 0.5 < room_as_well / room < 1
 
 
-PERIOD = 2 * polarised.CORRIDOR
+PERIOD = 2 * polarized.CORRIDOR
 
 
 def images(spp: int = 4, bins: int = 6, width: int = 33, **plastic: float) -> np.ndarray:
@@ -116,7 +116,7 @@ def test_each_pass_turns_the_state(angle, retardance):
 
 
 def test_mirrors_lose_what_they_lose():
-    """The k-th image has seen 2 k - 1 mirrors of reflectance 0.85; the polariser takes half."""
+    """The k-th image has seen 2 k - 1 mirrors of reflectance 0.85; the polarizer takes half."""
     found = images(spp=1, bins=3, width=64)[..., 0]
     for k in (1, 2, 3):
         lit = found[:, :, k - 1]
@@ -125,7 +125,7 @@ def test_mirrors_lose_what_they_lose():
         assert np.mean(np.abs(lit[lit > 0] - lit.max()) < 1e-3 * lit.max()) > 0.95
 
 
-def test_the_picture_has_no_noise_and_is_polarised_wholly():
+def test_the_picture_has_no_noise_and_is_polarized_wholly():
     first, second = (
         rendered(BUILT_IN["strained_mirror_corridor"](width=33, height=33), 64, seed)[0]
         for seed in (0, 1)
@@ -137,7 +137,7 @@ def test_the_picture_has_no_noise_and_is_polarised_wholly():
     assert np.ptp(first[inside][..., 3]) > 0.1
 
 
-def test_without_polarisation_plates_are_filters():
+def test_without_polarization_plates_are_filters():
     mi.set_variant("llvm_ad_mono")
     found = images(spp=1, bins=1, width=16)
     assert np.median(found[found > 0]) == pytest.approx(0.5 * 0.85, rel=1e-3)

@@ -69,7 +69,7 @@ def scaled(light: Any, spectrum: Any) -> Any:
     return mi.SpectrumEntry(*[each * spectrum for each in light])
 
 
-def unpolarised(radiance: Any) -> Any:
+def unpolarized(radiance: Any) -> Any:
     """Return the Stokes vector of unpolarized light; in other variants, the radiance."""
     return apply_throughput(mi.Spectrum(1), radiance) if mi.is_polarized else radiance
 
@@ -140,7 +140,7 @@ def multiply_throughput(throughput: Any, factor: Any, importance: bool = False) 
     return mi.Spectrum(*[throughput[i, j] * factor for i in range(4) for j in range(4)])
 
 
-def depolarise(factor: Any) -> Any:
+def depolarize(factor: Any) -> Any:
     """Return a scattering factor that removes all polarization."""
     plain = mi.unpolarized_spectrum(factor)
     return mi.depolarizer(plain) if mi.is_polarized else plain

@@ -69,7 +69,7 @@ def _behind(along: float, aside: float, up: float) -> list[float]:
     return [-along * s + aside * c, up, -along * c - aside * s]
 
 
-def brewster_window(*, polariser: float = 0.0, **options: Unpack[TransientOptions]) -> Dict:
+def brewster_window(*, polarizer: float = 0.0, **options: Unpack[TransientOptions]) -> Dict:
     """A window at Brewster's angle: a reflected target, and a room behind.
 
     Light of the target is reflected by the glass and arrives first, on paths of at most 6.2 m. It
@@ -78,13 +78,13 @@ def brewster_window(*, polariser: float = 0.0, **options: Unpack[TransientOption
     without polarization, the polarizer is a gray filter.
 
     Args:
-        polariser: Angle of the polarization that passes, from the picture's right [degrees], -180
+        polarizer: Angle of the polarization that passes, from the picture's right [degrees], -180
             to 180. The reflection is blocked at 0 and passes at 90.
         **options: As for `caustic`; by default `start_opl` is 3, `bin_width_opl` 0.04 and
             `max_depth` -1.
 
     Example:
-        >>> brewster_window(polariser=90)["sheet"]["theta"]["value"]
+        >>> brewster_window(polarizer=90)["sheet"]["theta"]["value"]
         90.0
     """
     view = _behind(-2.0, 0, 0), [0, 0, 0], 36
@@ -107,29 +107,29 @@ def brewster_window(*, polariser: float = 0.0, **options: Unpack[TransientOption
         "black": diffuse([0, 0, 0]),
         "white": diffuse([0.8, 0.8, 0.8]),
         "wall": diffuse([0.1, 0.09, 0.08]),
-        "grey": diffuse([0.3, 0.3, 0.3]),
+        "gray": diffuse([0.3, 0.3, 0.3]),
         "red": diffuse([0.7, 0.12, 0.08]),
         "plaster": diffuse([0.7, 0.68, 0.64]),
         "orange": diffuse([0.8, 0.4, 0.1]),
         "blue": diffuse([0.1, 0.25, 0.6]),
         "green": diffuse([0.15, 0.5, 0.2]),
         "glass": {"type": "dielectric", "int_ior": INDEX, "ext_ior": 1.0},
-        "sheet": _plate("polarizer", "polariser", polariser),
+        "sheet": _plate("polarizer", "polarizer", polarizer),
         "window": shape("cube", pose([0, 0, -0.01], Y, 0, [1.4, 0.7, 0.01]), "glass"),
         "wall-left": wall(-3.2, 0, 1.8, 3),
         "wall-right": wall(3.2, 0, 1.8, 3),
         "wall-top": wall(0, 1.85, 1.4, 1.15),
         "wall-bottom": wall(0, -1.85, 1.4, 1.15),
-        "polariser": shape(
+        "polarizer": shape(
             "rectangle", pose(_behind(-1.2, -0.1, 0), Y, BREWSTER, [0.1, 0.13, 1]), "sheet"
         ),
-        "target": shape("rectangle", pose(_before(1.4, 0, 0), Y, to_window, [0.8] * 3), "grey"),
+        "target": shape("rectangle", pose(_before(1.4, 0, 0), Y, to_window, [0.8] * 3), "gray"),
         "ring": disk(1.398, 0.7, "white"),
         "gap": disk(1.396, 0.5, "red"),
         "eye": disk(1.394, 0.3, "white"),
         "lamp": _lamp(pose(_before(0.6, 0, 1.1), Y, -10, [0.25, 0.1, 1]), 300.0),
         "back": shape("rectangle", pose(_behind(3.2, 0, 0), Y, BREWSTER, [4, 3, 1]), "plaster"),
-        "floor": shape("rectangle", pose([-2.08, -1, -3], X, -90, [5, 3, 1]), "grey"),
+        "floor": shape("rectangle", pose([-2.08, -1, -3], X, -90, [5, 3, 1]), "gray"),
         "ball": sphere(_behind(2.6, -0.7, -0.6), 0.4, "blue"),
         "small-ball": sphere(_behind(2.7, 0.35, -0.7), 0.3, "orange"),
         "cube": shape("cube", pose(_behind(2.2, 0.9, -0.8), Y, 25, [0.2] * 3), "green"),

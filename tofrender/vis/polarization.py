@@ -18,7 +18,7 @@ from ..labels import IMAGE, read_array, require_whole_stokes
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import COLUMN, PictureGrid
-from .colours import from_srgb, hue_map, phase_map
+from .colors import from_srgb, hue_map, phase_map
 from .tone import auto_exposure, tonemap
 from .transient import map_axes, picture_aspect
 
@@ -27,19 +27,19 @@ MIN_DEGREE = 0.01  # Least degree of linear polarization of pixels with an angle
 ANGLE = "angle [°] from right to top"
 """Label of the color bar of the angle."""
 
-SHOWN = ("intensity", "degree", "angle", "circular", "colours")
+SHOWN = ("intensity", "degree", "angle", "circular", "colors")
 
 
-def polarisation_picture(
-    stokes: Annotated[Any, IMAGE], shown: str = "colours", *, exposure: float | None = None
+def polarization_picture(
+    stokes: Annotated[Any, IMAGE], shown: str = "colors", *, exposure: float | None = None
 ) -> np.ndarray:
     """Draw polarized light in false colors.
 
     Args:
-        stokes: As for `polarisation_figure`.
+        stokes: As for `polarization_figure`.
         shown: "intensity" shows S0. "degree" shows the degree of polarization, from dark to yellow.
             "angle" shows the angle of linear polarization as a cyclic color. "circular" shows
-            left-handed light in blue and right-handed light in red. "colours" shows S0 with the hue
+            left-handed light in blue and right-handed light in red. "colors" shows S0 with the hue
             of the angle, saturated by the degree of linear polarization. Pixels without light, or
             without an angle, are black.
         exposure: Gain of the brightness. The product 1 is white. By default `auto_exposure` of S0
@@ -53,7 +53,7 @@ def polarisation_picture(
 
     Example:
         >>> light = np.ones((4, 6, 4, 1)) * np.array([1.0, 0.5, 0.0, 0.0])[:, None]
-        >>> polarisation_picture(light, "degree").shape
+        >>> polarization_picture(light, "degree").shape
         (4, 6, 3)
     """
     values, light, gain = _checked(stokes, exposure)
@@ -65,7 +65,7 @@ def polarisation_picture(
     # Linear polarization as hue and saturation
     linear = np.nan_to_num(degree_of_linear_polarization(light, axis=2))
     angle = np.nan_to_num(angle_of_linear_polarization(light, axis=2)) / np.pi
-    if shown == "colours":
+    if shown == "colors":
         saturation = np.clip(linear, 0, 1)[..., None]
         hue = from_srgb(hue_map()(angle)[..., :3])
         return tonemap(light[:, :, :1] * (saturation * hue + 1 - saturation), exposure=gain)
@@ -98,7 +98,7 @@ def _checked(stokes: Any, exposure: float | None) -> tuple[np.ndarray, np.ndarra
 
 
 @in_style()
-def polarisation_figure(
+def polarization_figure(
     stokes: Annotated[Any, IMAGE], *, exposure: float | None = None, title: str | None = None
 ) -> Figure:
     """Draw intensity, degree and angle of linear polarization, and circular polarization.
@@ -119,7 +119,7 @@ def polarisation_figure(
 
     Example:
         >>> light = np.ones((4, 6, 4, 1)) * np.array([1.0, 0.5, 0.0, 0.0])[:, None]
-        >>> [each.get_title().split()[0] for each in polarisation_figure(light).axes[::2]]
+        >>> [each.get_title().split()[0] for each in polarization_figure(light).axes[::2]]
         ['intensity', 'linear', 'linear', 'circular']
     """
     # Compute the pictures
@@ -152,7 +152,7 @@ def polarisation_figure(
         columns,
         picture_aspect(light.shape[0], light.shape[1], 0.4, 2.0),
         title=title or "",
-        hatch="no light, or hardly polarised" if hatched else "",
+        hatch="no light, or hardly polarized" if hatched else "",
     )
 
     # Draw each with its color bar

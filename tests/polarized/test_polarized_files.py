@@ -1,4 +1,4 @@
-"""Files and commands of polarised light: Stokes vectors come back, the rest is refused by name."""
+"""Files and commands of polarized light: Stokes vectors come back, the rest is refused by name."""
 
 from pathlib import Path
 
@@ -56,11 +56,11 @@ def test_files_keep_stokes_vectors(variant, errors, tmp_path):
     with xr.open_dataset(tmp_path / "a.nc") as opened:
         assert opened["transient"].equals(kept["transient"])
     found = OpenEXR.File(str(frames / "steady.exr"), separate_channels=True).parts[0].channels
-    colours = "Y" if variant == MONO else "RGB"
-    names = {f"S{k}.{c}" for k in range(4) for c in colours}
+    colors = "Y" if variant == MONO else "RGB"
+    names = {f"S{k}.{c}" for k in range(4) for c in colors}
     assert set(found) == names | {f"error.{name}" for name in names if errors}
     for k in range(4):
-        shown = found[f"S{k}.{colours[0]}"].pixels
+        shown = found[f"S{k}.{colors[0]}"].pixels
         np.testing.assert_array_equal(shown, kept["steady"].values[:, :, k, 0])
 
 
@@ -93,14 +93,14 @@ def test_render_writes_what_is_read_back(capsys, tmp_path, kind, variant):
     same = tofrender.render("brewster_window", **picture, progress=False)
     np.testing.assert_allclose(found["transient"], same["transient"], rtol=1e-5, atol=1e-7)
     assert found["steady"].dims == ("y", "x", "stokes", "channel")
-    assert (tmp_path / "a" / "polarisation.png").stat().st_size > 1000
+    assert (tmp_path / "a" / "polarization.png").stat().st_size > 1000
 
 
 def test_pictures_are_of_the_intensity(capsys, tmp_path):
     arguments = ["--out", tmp_path / "a", *TINY[:-1], "--spp", 4, "--format", "png"]
     run(capsys, "render", "brewster_window", *arguments, "--variant", MONO)
     names = {path.name for path in (tmp_path / "a").iterdir()}
-    assert {"video.mp4", "summary.png", "polarisation.png", "steady.png"} <= names
+    assert {"video.mp4", "summary.png", "polarization.png", "steady.png"} <= names
 
 
 @pytest.mark.parametrize("kind", ["frames", "npz"])

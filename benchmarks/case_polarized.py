@@ -1,4 +1,4 @@
-"""The case `polarised`: time of polarized light, relative to Mitsuba's polarized `path`."""
+"""The case `polarized`: time of polarized light, relative to Mitsuba's polarized `path`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DEPTH = {"max_depth": 6, "rr_depth": 50}
 KINDS = ("mono", "spectral")
 
 
-def polarised(runs: int, quick: bool) -> list[Row]:
+def polarized(runs: int, quick: bool) -> list[Row]:
     """Render the Cornell box without and with metals and glass, at equal samples and rays."""
     size, spp = (32, 16) if quick else (128, 64)
     rows: list[Row] = []
