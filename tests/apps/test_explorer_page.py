@@ -108,6 +108,21 @@ def test_clicked_pixels_have_the_responses_of_the_data(tmp_path, shown):
         assert rows.count() == 1
 
 
+def test_a_single_bin_shows_the_rows_of_the_chosen_pixels(tmp_path):
+    """A curve over time would have a single point. The film starts at the pixel (3, 2)."""
+    contents = contents_of(moving().isel(opl=[17], x=slice(3, None), y=slice(2, None)), packed=True)
+    with opened(tmp_path, contents) as page:
+        set_(page, pixels=[[4, 5]], channel="1")
+        shown = state(page)["rows"]
+        label = page.get_attribute("canvas.plot", "aria-label")
+    values = [shown["profiles"][0]["values"][column] for column in range(WIDE - 3)]
+    np.testing.assert_allclose(values, values_of(contents)[5, :, 0, 1], rtol=1e-5)
+    assert np.ptp(values) > 0
+    assert shown["axis"] == {"start": 2.5, "width": 1, "count": WIDE - 3}
+    assert shown["mark"] == {"bin": 4}
+    assert "over pixel x" in label
+
+
 def test_phasors_follow_the_frequency(tmp_path, shown):
     data, contents = shown
     light = luminance(data["transient"].values.astype(np.float64))[..., None]

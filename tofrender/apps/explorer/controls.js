@@ -127,7 +127,7 @@ function frequencySlider({ about: { axis, frequencies } }, now, set) {
 }
 
 /** Lay parts out; returns the children of the explorer's element, whose title is of `level`. */
-export function layout(parts, { about, isVolume, hasTimes, hasPhasors }, level) {
+export function layout(parts, { about, isVolume, hasOneBin, hasTimes, hasPhasors }, level) {
   const panel = (title, ...children) => make("section", { className: "panel", "aria-label": title }, ...children);
   parts.transport = group("transport", parts.play, parts.time, parts.speed);
   parts.gates = group("transport", parts.gateStart, parts.gateWidth);
@@ -136,9 +136,10 @@ export function layout(parts, { about, isVolume, hasTimes, hasPhasors }, level) 
   const left = group("left", parts.views, parts.stokes, parts.frame, parts.space.element, parts.bar);
   left.append(parts.transport, parts.gates, parts.readout, parts.assumes, parts.hatched, look);
   const heading = (title, ...more) => group("heading", make(`h${level + 1}`, {}, title), ...more);
+  const responses = hasOneBin ? "Rows of the chosen pixels" : "Responses";
   const response = panel(
     isVolume ? "Along the depth" : "Response",
-    heading(isVolume ? "Along the depth" : "Responses", parts.channel, parts.log),
+    heading(isVolume ? "Along the depth" : responses, parts.channel, parts.log),
     ...[parts.plot, parts.legend, parts.pixels],
   );
   response.hidden = !hasTimes;

@@ -134,6 +134,7 @@ class Explorer {
       gain: this.gain,
       milliseconds: this.milliseconds,
       curves: responses.curves().map(plainCurve),
+      rows: recording.hasOneBin ? responses.profiles() : null,
       paths: this.paths.lists,
       phasors: recording.hasPhasors ? responses.phasors() : [],
     };

@@ -76,6 +76,7 @@ export class Recording {
     this.weights = header.weights;
     this.isVolume = header.kind === "volume";
     this.hasTimes = !header.frequencies;
+    this.hasOneBin = this.hasTimes && !this.isVolume && header.axis.count === 1;
     this.hasPhasors = !this.isVolume && (header.axis.count > 1 || !this.hasTimes);
     this.laser = 0;
     this.unwarped = false;

@@ -60,6 +60,21 @@ export class Responses {
     return this.explorer.now.pixels.map((pixel, k) => this.curve(pixel, k));
   }
 
+  /** Light along the rows of the chosen pixels, for a film with a single time bin. */
+  profiles() {
+    const { now, recording } = this.explorer;
+    const columns = Array.from({ length: recording.light.width }, (_, column) => column);
+    const profiles = now.pixels.map(([, row], style) => {
+      const rowCurves = columns.map((column) => this.curve([column, row]));
+      const values = rowCurves.map((curve) => curve.values[0]);
+      const errors = rowCurves[0].errors && rowCurves.map((curve) => curve.errors[0]);
+      return { values, errors, style };
+    });
+    const axis = { start: recording.place([0, 0])[0] - 0.5, width: recording.about.grid.step, count: columns.length };
+    const chosen = now.pixels[now.active];
+    return { axis, profiles, mark: { bin: chosen?.[0] } };
+  }
+
   /** Phasors of all chosen pixels. */
   phasors() {
     const { now, recording } = this.explorer;
@@ -97,8 +112,15 @@ export class Responses {
     const narrow = parts.plot.clientWidth < 480;
     if (narrow && words.above) words.above = "optical path length [m]";
     const log = now.log && now.stokes === "S0";
-    drawCurves(parts.plot, recording, [...orders, ...curves], marks, words, { log, range, dark, ink });
-    parts.plot.setAttribute("aria-label", `${words.quantity} over ${words.below} of ${this.spoken()}`);
+    if (recording.hasOneBin) {
+      const { axis, profiles, mark } = this.profiles();
+      const along = { quantity, below: "pixel x", inMeters: true };
+      drawCurves(parts.plot, axis, profiles, mark, along, { log, range, dark, ink });
+      parts.plot.setAttribute("aria-label", `${quantity} over ${along.below}: ${this.spoken()}`);
+    } else {
+      drawCurves(parts.plot, recording, [...orders, ...curves], marks, words, { log, range, dark, ink });
+      parts.plot.setAttribute("aria-label", `${words.quantity} over ${words.below} of ${this.spoken()}`);
+    }
     this.showLegend(active, dark);
     const shown = isVolume ? "here" : now.view === "gate" ? "in the gate" : "now";
     const [from, to] = now.view === "gate" ? [now.gate.first, now.gate.first + now.gate.count] : [now.bin, now.bin + 1];
