@@ -4,6 +4,7 @@ import asyncio
 import re
 import socket
 import sys
+import time
 import urllib.error
 import urllib.request
 
@@ -180,3 +181,25 @@ def test_a_live_render_ends_at_its_samples():
     live._thread.join()
     assert live.error is None
     assert live.spp == 3
+
+
+def test_a_click_has_priority_over_the_next_step_of_a_render():
+    """Only the step that runs at the click may end while the paths are traced."""
+    live = LiveRender("box", {"scene": "cornell_box", "size": (2, 2), "bins": 2, "spp": 1 << 20})
+    versions = []
+
+    def trace_slowly(pixel, opl):
+        end = time.monotonic() + 5
+        while time.monotonic() < end and len(set(versions)) < 3:
+            versions.append(live.version)
+            time.sleep(0.01)
+        return {"paths": []}
+
+    vars(live)["_trace"] = trace_slowly
+    live.start()
+    while live.version < 1:
+        time.sleep(0.01)
+    live.trace([1, 1], [3.0, 6.0])
+    live.close()
+    assert len(set(versions)) <= 2
+    assert live.error is None

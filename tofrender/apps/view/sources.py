@@ -65,6 +65,8 @@ class LiveRender:
         self._options = dict(options)
         self._samples_per_second = 0.0
         self._stop = threading.Event()
+        self._no_click = threading.Event()  # Cleared while the paths of a clicked pixel are traced
+        self._no_click.set()
         self._variant = mi.variant()
         self._thread = threading.Thread()
 
@@ -114,17 +116,24 @@ class LiveRender:
         return path_tracer(load_scene(settings.scene, **changes), self.data, "transient")
 
     def trace(self, pixel: Any, opl: Any) -> dict[str, Any]:
-        """Return paths of a pixel with lengths in a range, as `plain_paths`."""
+        """Return paths of a pixel with lengths in a range, as `plain_paths`.
+
+        The render starts no further step until the paths are traced.
+        """
+        self._no_click.clear()
         try:
             backend.activate(self._variant)
             return self._trace(pixel, opl)
         except (ValueError, OSError, MemoryError) as error:
             return {"pixel": pixel, "opl": opl, "traced": True, "error": str(error)}
+        finally:
+            self._no_click.set()
 
     def _run(self) -> None:
         try:
             backend.activate(self._variant)
             while self.spp < self.max_spp and not self._stop.is_set():
+                self._no_click.wait()
                 spp = min(self._next_spp(), self.max_spp)
                 begin = time.monotonic()
                 before = self.spp
