@@ -10,7 +10,13 @@ from helpers.support import refused
 
 from tofrender import io
 from tofrender.apps.compare import pictures
-from tofrender.apps.compare.pairs import Pair, Picture, load, numbers
+from tofrender.apps.compare.picture_set import (
+    Picture,
+    PictureSet,
+    difference,
+    load,
+    relative_errors,
+)
 from tofrender.apps.compare.pictures import render_technique
 from tofrender.cli.app import main
 from tofrender.vis.transient import Transient
@@ -21,7 +27,7 @@ SIZES = ((1400, 900), (800, 600), (390, 844))
 def off(scene: str, way: str, spp: int) -> float:
     """Root mean square difference from the reference, as a part of its mean."""
     reference, seen = (render_technique(scene, *w).pixels for w in (("reference", 1), (way, spp)))
-    rms, _, mean, _ = numbers(reference, seen)
+    rms, _, mean, _ = difference(reference, seen)
     return rms / mean
 
 
@@ -58,7 +64,7 @@ def test_files(tmp_path):
         arguments = tmp_path / name, io.load_npz if "npz" in name else io.load_exr_stack
         refused("exr|npz", load, *arguments, kind=(ValueError, FileNotFoundError))
     sizes = [np.ones((height, 4, 3), np.float32) for height in (4, 3)]
-    refused("b: 4 x 3 pixels; must be 4 x 4, as a", Pair, *map(Picture, "ab", sizes))
+    refused("b: 4 x 3 pixels; must be 4 x 4, as a", PictureSet, *map(Picture, "ab", sizes))
 
 
 def film(name: str, start: float, width: float, bins: int, quantity: str) -> Picture:
@@ -70,7 +76,7 @@ def film(name: str, start: float, width: float, bins: int, quantity: str) -> Pic
 
 def test_films_of_other_bins_are_shown_at_the_same_time():
     a, b = film("a", 1, 0.5, 8, "radiance per bin"), film("b", 2, 0.125, 40, "radiance per meter")
-    pair = Pair(a, b)
+    pair = PictureSet(a, b)
     assert (pair.clock.start, pair.clock.width, pair.clock.count) == (2, 0.125, 24)
     for step in (0, 1, 11, 23):
         opl = 2 + 0.125 * (step + 0.5)
@@ -82,14 +88,40 @@ def test_films_of_other_bins_are_shown_at_the_same_time():
             [one[1, 2, 0], opl + 1]
         )
     late = film("late", 9, 0.5, 8, "radiance per bin")
-    refused("late: bins from 9 to 13 m; must overlap with 1 to 5 m in time", Pair, a, late)
-    assert Pair(a, film("c", 1, 0.5, 8, "radiance per bin")).quantity == "radiance per bin"
+    refused("late: bins from 9 to 13 m; must overlap with 1 to 5 m in time", PictureSet, a, late)
+    assert PictureSet(a, film("c", 1, 0.5, 8, "radiance per bin")).quantity == "radiance per bin"
 
 
 def test_numbers_of_a_difference_leave_out_what_is_unknown():
     a, b = np.array([[1.0, 2.0, np.nan]]), np.array([[1.0, -2.0, 5.0]])
-    assert numbers(a, b) == pytest.approx((np.sqrt(8), 4, 1.5, -0.5))
-    assert np.isnan(numbers(a * np.nan, b)).all()
+    assert difference(a, b) == pytest.approx((np.sqrt(8), 4, 1.5, -0.5))
+    assert np.isnan(difference(a * np.nan, b)).all()
+
+
+def test_relative_errors_are_their_formulas():
+    r = np.array([[4.0, 1.0, 0.0, np.nan]])
+    x = np.array([[5.0, 0.0, 0.0, 2.0]])
+    eps = 0.01 * (16 + 1 + 0) / 3
+    rel_mse = (1 / (16 + eps) + 1 / (1 + eps) + 0) / 3
+    assert relative_errors(r, x) == pytest.approx((rel_mse, (2 / 9 + 2 + 0) / 3))
+    assert relative_errors(7 * r, 7 * x) == pytest.approx(relative_errors(r, x))
+    assert relative_errors(0 * r, 0 * r) == (0, 0)
+    assert np.isnan(relative_errors(r * np.nan, x)).all()
+
+
+def test_three_films_have_one_clock():
+    a = film("a", 1, 0.5, 8, "radiance per bin")
+    b = film("b", 2, 0.125, 40, "radiance per meter")
+    c = film("c", 1.5, 0.25, 12, "radiance per bin")
+    films = PictureSet(a, b, c)
+    assert (films.clock.start, films.clock.width, films.clock.count) == (2, 0.125, 20)
+    assert films.quantity == "radiance per meter"
+    frames = films.frames(7)
+    assert len(frames) == 3
+    for frame, width in zip(frames, (0.5, 0.125, 0.25), strict=True):
+        assert frame == pytest.approx(1 + 2 + 0.125 * 7.5, abs=width / 2)
+    late = film("late", 4.6, 0.5, 8, "radiance per bin")
+    refused("late: bins from 4.6 to 8.6 m; must overlap with 2 to 4.5 m", PictureSet, b, c, late)
 
 
 def test_what_cannot_be_compared(capsys, tmp_path, monkeypatch):
@@ -174,6 +206,32 @@ def test_films_with_one_clock(films, size):
         there.wait_for_selector('canvas[data-scale="1"]')
         there.get_by_label("All time").check()
         there.get_by_text("0, 0 % of A's mean").wait_for()
+
+
+def test_three_films_are_chosen_by_lists_and_keys_work_at_once(films, tmp_path):
+    one, paths = films
+    third = one.copy(deep=True)
+    third["transient"] *= 3
+    third["steady"] *= 3
+    path = io.save_npz(third, tmp_path / "third.npz")
+    with browser.page_of("compare", *paths, path) as there:
+        there.wait_for_selector("canvas[data-view=divider]")
+
+        # Nothing has the focus yet
+        there.keyboard.press("d")
+        there.wait_for_selector("canvas[data-view=difference]")
+        there.keyboard.press("r")
+        there.wait_for_selector("canvas[data-view=relative]")
+        assert there.locator(".bar span").all_inner_texts() == ["−2", "−1", "0", "1", "2"]
+
+        # The third film is three times the first film, so 2 (3 - 1) / (3 + 1) = 1 everywhere
+        there.get_by_label("All time").check()
+        there.get_by_text("third.npz against A").wait_for()
+        there.get_by_label("B", exact=True).last.select_option(label="third.npz")
+        there.get_by_text("B: third.npz").first.wait_for()
+        said = there.locator("dl").inner_text()
+        assert f"SMAPE {relative_errors(one.steady.values, third.steady.values)[1]:.3g}" in said
+        assert there.errors == []
 
 
 def test_two_fingers_enlarge_what_is_between_them(films):

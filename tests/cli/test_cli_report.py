@@ -11,7 +11,7 @@ from helpers.hidden_scenes import Wall, capture_of, rectangle
 from helpers.made_dataset import make_dataset
 
 import tofrender
-from tofrender.apps.compare.pairs import Pair, load
+from tofrender.apps.compare.picture_set import PictureSet, load
 from tofrender.apps.explorer.contents import contents_of
 from tofrender.cli.app import main
 from tofrender.cli.report import load_result
@@ -249,7 +249,7 @@ def test_comparisons_of_measurements_and_frames(tmp_path, kind):
         else:
             name = "counts" if kind == "counts" else "images"
             expected = measured[name].transpose("y", "x", ...).values.sum(axis=2)[..., None]
-    pair = Pair(*(load(source, load_result) for _ in range(2)))
+    pair = PictureSet(*(load(source, load_result) for _ in range(2)))
     for picture in pair.pictures:
         np.testing.assert_allclose(picture.pixels, expected, rtol=1e-5, atol=1e-4)
     assert (pair.clock is None) == (kind == "taps")

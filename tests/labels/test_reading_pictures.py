@@ -11,7 +11,7 @@ from helpers.support import refused
 
 import tofrender
 from tofrender import io, nlos, sensors, vis
-from tofrender.apps.compare.pairs import Pair, load
+from tofrender.apps.compare.picture_set import PictureSet, load
 from tofrender.apps.explorer.contents import contents_of
 from tofrender.apps.explorer.data import explorer_data, facts
 from tofrender.cli.app import main
@@ -296,8 +296,8 @@ def test_crops_of_equal_size_are_not_compared(tmp_path):
         load(io.save_npz(each, tmp_path / f"{name}.npz"), load_result)
         for name, each in (("one", film()), ("same", film()), ("other", film(x0=3)))
     )
-    assert Pair(one, same).clock is not None
-    refused("other.npz begins at the pixel .3, 2., and one.npz at .6, 2.", Pair, one, other)
+    assert PictureSet(one, same).clock is not None
+    refused("other.npz begins at the pixel .3, 2., and one.npz at .6, 2.", PictureSet, one, other)
 
 
 def test_pictures_of_gates_and_phasors_keep_the_crop(tmp_path):

@@ -90,37 +90,39 @@ def compare(
     one: Annotated[
         str, opt.argument("SCENE|DIR|FILE", "Scene of the course, picture, or film.")
     ] = "veach",
-    two: Annotated[
-        str | None, opt.argument("[DIR|FILE]", "Second picture or film of the same size.")
+    others: Annotated[
+        list[str] | None,
+        opt.argument("[DIR|FILE]...", "Further pictures or films of the same size."),
     ] = None,
     host: Host = "127.0.0.1",
     port: Port = None,
     browser: Browser = True,
     variant: opt.Variant = None,
 ) -> None:
-    """Compare two pictures or films in the browser.
+    """Compare pictures or films in the browser.
 
-    The page shows them on both sides of a divider or alternately, with their values, their
-    difference and the responses of pixels. Both films run with one clock. Pictures are .exr, .png
-    or .jpg files, and films are folders or files of `tofrender render`. A scene of the course is
-    rendered by the techniques that are chosen on the page.
+    The page shows two pictures A and B on both sides of a divider or alternately, with their
+    values, their difference and the responses of pixels. With more pictures, lists on the page
+    choose A and B, and the page prints the errors of all pictures against A. All films run with one
+    clock. Pictures are .exr, .png or .jpg files, and films are folders or files of `tofrender
+    render`. A scene of the course is rendered by the techniques that are chosen on the page.
 
     Examples:
         tofrender compare veach
-        tofrender compare box_64 box_1024
+        tofrender compare box_1024 box_64 box_denoised
     """
     from tofrender.apps.ui.serving import prepare, serve
 
     prepare(host, port)
     opt.activate(variant)
 
-    from tofrender.apps.compare.pairs import Pair, load
+    from tofrender.apps.compare.picture_set import PictureSet, load
     from tofrender.apps.compare.pictures import SCENES
     from tofrender.apps.compare.window import application
 
-    if two is None:
-        make = application(scene=checks.one_of("SCENE|DIR|FILE", one, SCENES))
+    if others:
+        files = PictureSet(*(load(each, load_result) for each in (one, *others)))
+        make = application(files=files)
     else:
-        pair = Pair(load(one, load_result), load(two, load_result))
-        make = application(pair=pair)
+        make = application(scene=checks.one_of("SCENE|DIR|FILE", one, SCENES))
     serve(make, "Comparison", host=host, port=port, browser=browser, tell=opt.say)

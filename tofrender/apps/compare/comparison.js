@@ -3,7 +3,8 @@
  *
  * Data: `pictures`, float32 planes of both; `width`, `height`, `weights` of channels; `names`;
  * `curves`, float32 over the clock of the chosen pixel. State: `clock` {start, width, count} of films,
- * `scenes` of the course with their techniques, `rows` of numbers, `white`, `message`.
+ * `scenes` of the course with their techniques, `files` [index, name] if there are more than two, `rows`
+ * of numbers, `white`, `message`.
  */
 
 import { canvasOf, stripOf } from "../explorer/frame.js";
@@ -19,10 +20,12 @@ const VIEWS = [
   ["a", "A"],
   ["b", "B"],
   ["difference", "B − A", "Of luminance"],
+  ["relative", "Relative", "2 (B − A) / (|A| + |B|), of luminance"],
 ];
 const CHANNELS = ["red", "green", "blue"];
 const KEYS =
-  "Keys: F or Space shows A and B in turns, D their difference; ← → move the divider, + − 0 zoom. " +
+  "Keys: F or Space shows A and B in turns, D their difference, R the relative difference; " +
+  "← → move the divider, + − 0 zoom. " +
   "Wheel or pinch to zoom, drag to move, click to choose a pixel.";
 
 class Comparison {
@@ -42,7 +45,7 @@ class Comparison {
 
   layout() {
     const { model, show, choose } = this;
-    const { scenes, clock } = model.state;
+    const { scenes, files, clock } = model.state;
     this.views = choices("Show", VIEWS, (view) => show({ view }));
     this.canvas = make("canvas", { role: "img" });
     this.tags = ["A", "B"].map((side) => make("span", { className: `tag ${side}` }));
@@ -67,6 +70,7 @@ class Comparison {
     this.values = make("table");
     const right = group("left", this.message, group("heading", make("h2", {}, "Difference")), this.numbers);
     if (scenes) right.prepend(make("fieldset", {}, this.course(scenes)));
+    if (files) right.prepend(make("fieldset", {}, this.choiceOf(files)));
     right.append(group("heading", this.at), this.values);
     if (clock) {
       this.plot = make("canvas", { className: "plot", role: "img" });
@@ -104,6 +108,15 @@ class Comparison {
     return group("row", scene, ...sides, spp);
   }
 
+  /** Lists of the files, for either side. */
+  choiceOf(files) {
+    const sides = ["a", "b"].map((side) =>
+      list(side.toUpperCase(), files, (index) => this.choose({ [side]: Number(index) })),
+    );
+    this.drawChoice = (chosen) => sides.forEach((side, k) => side.set(chosen["ab"[k]]));
+    return group("row", ...sides);
+  }
+
   /** Play, time, and the picture of all time. */
   transport({ start, width, count }) {
     const { model, choose, show } = this;
@@ -132,13 +145,17 @@ class Comparison {
       point: (place) => this.planes && this.drawValues(place ? this.pixelAt(place) : undefined),
       click: (place) => choose({ pixel: this.pixelAt(place) }),
     });
-    this.root.addEventListener("keydown", (event) => {
-      const { key, target } = event;
+    // Keys work before anything on the page has the focus
+    document.addEventListener("keydown", (event) => {
+      const { key } = event;
+      const [target] = event.composedPath();
+      if (!this.root.isConnected || !target.matches) return;
       if (event.ctrlKey || event.metaKey || event.altKey || target.matches("select")) return;
       const { view, divider } = this.now;
       const step = { ArrowLeft: -0.01, ArrowRight: 0.01 }[key];
       if (key === "f" || (key === " " && !target.matches("button, input"))) show({ view: view === "a" ? "b" : "a" });
       else if (key === "d") show({ view: "difference" });
+      else if (key === "r") show({ view: "relative" });
       else if (key in ZOOMS) this.zoomBy(ZOOMS[key]);
       else if (step && target === frame) show({ view: "divider", divider: clamp(divider + step, 0, 1) });
       else return;
@@ -165,6 +182,7 @@ class Comparison {
     const { state, data, chosen } = model;
     tell(this.message, state.message);
     this.drawCourse?.(chosen);
+    this.drawChoice?.(chosen);
     this.views.set(now.view);
     this.divider.set(now.divider);
     this.exposure.set(now.exposure);
@@ -205,8 +223,9 @@ class Comparison {
     const difference = light[1].map((value, i) => value - light[0][i]);
     const high = Math.max(...range(difference, 0.005).map(Math.abs), Number.MIN_VALUE) / 2 ** exposure;
     layers.push(paintMap(difference, { low: -high, high, map: this.map, width }));
-    const said = [-1, -0.5, 0, 0.5, 1].map((part) => short(part * high));
-    this.scale.replaceChildren(...said.map((each) => make("span", {}, each)));
+    const relative = difference.map((off, i) => (off ? (2 * off) / (Math.abs(light[0][i]) + Math.abs(light[1][i])) : off));
+    layers.push(paintMap(relative, { low: -2, high: 2, map: this.map, width }));
+    this.highs = { difference: high, relative: 2 };
     this.layers = layers.map((bytes) => canvasOf(bytes, width, height));
   }
 
@@ -217,10 +236,10 @@ class Comparison {
     const [wide, tall] = [frame.clientWidth, frame.clientHeight];
     const pen = sharp(canvas);
     pen.imageSmoothingEnabled = false;
-    const [a, b, difference] = this.layers;
+    const [a, b, difference, relative] = this.layers;
     const place = (layer) =>
       pen.drawImage(layer, zoom.x * width, zoom.y * height, width / zoom.scale, height / zoom.scale, 0, 0, wide, tall);
-    place({ a, b, difference, divider: b }[now.view]);
+    place({ a, b, difference, relative, divider: b }[now.view]);
     if (now.view === "divider") {
       const at = Math.round(now.divider * wide);
       pen.save();
@@ -245,7 +264,10 @@ class Comparison {
     });
     canvas.setAttribute("aria-label", `${VIEWS.find(([view]) => view === now.view)[1]} of ${names.join(" and ")}`);
     Object.assign(canvas.dataset, { view: now.view, divider: now.divider, scale: zoom.scale });
-    this.bar.hidden = now.view !== "difference";
+    const high = this.highs[now.view];
+    this.bar.hidden = high === undefined;
+    const said = [-1, -0.5, 0, 0.5, 1].map((part) => short(part * high));
+    if (!this.bar.hidden) this.scale.replaceChildren(...said.map((each) => make("span", {}, each)));
   }
 
   /** Column and row of the chosen pixel, at first the one in the middle. */

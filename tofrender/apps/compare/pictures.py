@@ -10,7 +10,7 @@ import numpy as np
 
 from ...runtime import backend, checks
 from ...scenes import BUILT_IN
-from .pairs import Picture
+from .picture_set import Picture
 
 SIDE = 192  # Longest side of a rendered picture [pixels]
 REFERENCE_SPP = 1024

@@ -1,4 +1,4 @@
-"""Comparison of two pictures, or of two films with a common clock."""
+"""Pictures of one size that are compared, or films with a common clock."""
 
 import math
 from collections.abc import Callable
@@ -89,67 +89,80 @@ def _from_film(name: str, data: "xr.Dataset") -> Picture:
     return Picture(name, np.asarray(steady, np.float32), film, (film.x0, film.y0))
 
 
-class Pair:
-    """Two pictures of one size. Two films also have a common `clock` and a common `quantity`.
+class PictureSet:
+    """Pictures of one size. If all are films, they have a common `clock` and a common `quantity`.
 
     Films with different bin widths, or different quantities, are compared as radiance per meter.
 
+    Args:
+        pictures: Two pictures or more.
+
     Raises:
-        ValueError: Sizes differ, or bins of films do not overlap in time.
+        ValueError: Sizes or first pixels differ, or bins of films do not overlap in time.
 
     Example:
         >>> films = [Transient(np.ones((2, 3, 8)), 1.0 + k, 0.5) for k in range(2)]
-        >>> pair = Pair(*(Picture("ab"[k], np.ones((2, 3, 1)), films[k]) for k in range(2)))
-        >>> pair.clock
+        >>> both = PictureSet(*(Picture("ab"[k], np.ones((2, 3, 1)), films[k]) for k in range(2)))
+        >>> both.clock
         Clock(start=2.0, width=0.5, count=6)
     """
 
-    def __init__(self, one: Picture, other: Picture) -> None:
-        # Do both have the same pixels?
-        sizes = [f"{each.pixels.shape[1]} x {each.pixels.shape[0]}" for each in (one, other)]
-        if sizes[0] != sizes[1]:
-            raise ValueError(f"{other.name}: {sizes[1]} pixels; must be {sizes[0]}, as {one.name}")
-        known = None not in (one.first_pixel, other.first_pixel)
-        if known and one.first_pixel != other.first_pixel:
-            raise ValueError(
-                f"{other.name} begins at the pixel {other.first_pixel}, and {one.name} at "
-                f"{one.first_pixel}. Compare the same crop of both"
-            )
+    def __init__(self, *pictures: Picture) -> None:
+        # Do all have the same pixels?
+        first, *others = pictures
+        size = _size(first)
+        for other in others:
+            if _size(other) != size:
+                problem = f"{_size(other)} pixels; must be {size}, as {first.name}"
+                raise ValueError(f"{other.name}: {problem}")
+            known = None not in (first.first_pixel, other.first_pixel)
+            if known and first.first_pixel != other.first_pixel:
+                raise ValueError(
+                    f"{other.name} begins at the pixel {other.first_pixel}, and {first.name} at "
+                    f"{first.first_pixel}. Compare the same crop of both"
+                )
 
         # Find the common clock of films
-        self.pictures = (one, other)
+        self.pictures = pictures
         self.clock: Clock | None = None
         self.quantity = ""
-        self._factors = [1.0, 1.0]
-        self._films = [each.film for each in self.pictures if each.film is not None]
-        if len(self._films) == 2:
-            self.clock = self._common_clock(*self._films)
+        self._factors = [1.0] * len(pictures)
+        self._films = [each.film for each in pictures if each.film is not None]
+        if len(self._films) == len(pictures):
+            self.clock = self._common_clock()
 
-    def _common_clock(self, a: Transient, b: Transient) -> Clock:
-        # Bins that both films contain
-        stops = [film.start_opl + film.bins * film.bin_width_opl for film in (a, b)]
-        start = max(a.start_opl, b.start_opl)
-        width = min(a.bin_width_opl, b.bin_width_opl)
-        count = math.floor((min(stops) - start) / width + 1e-6)
-        if count < 1:
-            bins = f"bins from {b.start_opl:.4g} to {stops[1]:.4g} m"
-            others = f"{a.start_opl:.4g} to {stops[0]:.4g} m"
-            raise ValueError(f"{self.pictures[1].name}: {bins}; must overlap with {others} in time")
+    def _common_clock(self) -> Clock:
+        # Bins that all films contain
+        films = self._films
+        width = min(film.bin_width_opl for film in films)
+        start, stop = _ends(films[0])
+        for picture, film in zip(self.pictures[1:], films[1:], strict=True):
+            own_start, own_stop = _ends(film)
+            if min(stop, own_stop) - max(start, own_start) < width * (1 - 1e-6):
+                raise ValueError(
+                    f"{picture.name}: bins from {own_start:.4g} to {own_stop:.4g} m; must overlap "
+                    f"with {start:.4g} to {stop:.4g} m in time"
+                )
+            start = max(start, own_start)
+            stop = min(stop, own_stop)
+        count = math.floor((stop - start) / width + 1e-6)
 
-        # Quantity that both films can be converted to
-        self.quantity = a.quantity
-        is_light = [film.quantity.startswith(LIGHT) for film in (a, b)]
-        if not all(is_light) and a.quantity != b.quantity:
-            name = self.pictures[1].name
-            raise ValueError(f"{name}: {b.quantity}; must be {a.quantity}, as the other film")
-        if a.quantity != b.quantity or not math.isclose(a.bin_width_opl, b.bin_width_opl):
-            self.quantity = DENSITY if is_light[0] else f"{a.quantity} per meter"
-            dense = [film.quantity.startswith(DENSITY) for film in (a, b)]
-            self._factors = [d or 1 / f.bin_width_opl for d, f in zip(dense, (a, b), strict=True)]
+        # Quantity that all films can be converted to
+        self.quantity = films[0].quantity
+        is_light = [film.quantity.startswith(LIGHT) for film in films]
+        for picture, film in zip(self.pictures, films, strict=True):
+            if not all(is_light) and film.quantity != self.quantity:
+                problem = f"{film.quantity}; must be {self.quantity}, as the first film"
+                raise ValueError(f"{picture.name}: {problem}")
+        equal_widths = all(math.isclose(film.bin_width_opl, width) for film in films)
+        if not equal_widths or any(film.quantity != self.quantity for film in films):
+            self.quantity = DENSITY if is_light[0] else f"{self.quantity} per meter"
+            dense = [film.quantity.startswith(DENSITY) for film in films]
+            self._factors = [d or 1 / f.bin_width_opl for d, f in zip(dense, films, strict=True)]
         return Clock(start, width, count)
 
     def frames(self, step: int | None) -> list[np.ndarray]:
-        """Return both pictures (height, width, channels), at a step of the clock or as a whole."""
+        """Return all pictures (height, width, channels), at a step of the clock or as a whole."""
         if step is None or self.clock is None:
             return alike([each.pixels for each in self.pictures])
         opl = self.clock.start + (step + 0.5) * self.clock.width
@@ -158,7 +171,7 @@ class Pair:
         return alike([f * np.float32(c) for f, c in zip(frames, self._factors, strict=True)])
 
     def responses(self, x: int, y: int) -> list[np.ndarray]:
-        """Return the luminance of a pixel over the clock, for both films."""
+        """Return the luminance of a pixel over the clock, for each film."""
         if self.clock is None:
             return []
         opl = self.clock.start + (np.arange(self.clock.count) + 0.5) * self.clock.width
@@ -187,17 +200,63 @@ class Pair:
         return np.clip(found, 0, film.bins - 1)
 
 
+def _size(picture: Picture) -> str:
+    height, width = picture.pixels.shape[:2]
+    return f"{width} x {height}"
+
+
+def _ends(film: Transient) -> tuple[float, float]:
+    """Return start and end of a film's bins [m]."""
+    return film.start_opl, film.start_opl + film.bins * film.bin_width_opl
+
+
 def alike(pictures: list[np.ndarray]) -> list[np.ndarray]:
     """Return pictures with equal channels. The channel of a gray picture is repeated."""
     channels = max(each.shape[-1] for each in pictures)
     return [np.repeat(p, channels, -1) if p.shape[-1] < channels else p for p in pictures]
 
 
-def numbers(one: np.ndarray, other: np.ndarray) -> tuple[float, float, float, float]:
+def difference(one: np.ndarray, other: np.ndarray) -> tuple[float, float, float, float]:
     """Return root mean square and largest difference, and both means, of finite values."""
-    known = np.isfinite(one) & np.isfinite(other)
-    a, b = (each[known].astype(np.float64) for each in (one, other))
+    a, b = _known(one, other)
     if not a.size:
         return math.nan, math.nan, math.nan, math.nan
     off = np.abs(b - a)
     return float(np.sqrt(np.mean(off**2))), float(off.max()), float(a.mean()), float(b.mean())
+
+
+def relative_errors(reference: np.ndarray, picture: np.ndarray) -> tuple[float, float]:
+    """Return relMSE and SMAPE of a picture.
+
+        relMSE = mean((x - r)^2 / (r^2 + eps))      SMAPE = mean(2 |x - r| / (|x| + |r|))
+
+    x are the values of the picture, and r the values of the reference. eps is 1 % of the mean of
+    r^2, so that dark pixels do not dominate, and no unit of light matters. Values that are 0 in
+    both pictures have no error. Only values that are finite in both pictures count.
+
+    Args:
+        reference: Values, any shape.
+        picture: Values of the same shape.
+
+    Returns:
+        relMSE, 0 or more; and SMAPE, from 0 to 2. Both are NaN without a finite value.
+
+    Example:
+        >>> relative_errors(np.array([1.0, 1.0]), np.array([1.0, 3.0]))
+        (1.9801980198019802, 0.5)
+    """
+    r, x = _known(reference, picture)
+    if not r.size:
+        return math.nan, math.nan
+    off = np.abs(x - r)
+    scale = r**2 + 0.01 * np.mean(r**2)
+    total = np.abs(x) + np.abs(r)
+    rel_mse = np.divide(off**2, scale, out=np.full_like(off, math.inf), where=scale > 0)
+    smape = np.divide(2 * off, total, out=np.zeros_like(off), where=total > 0)
+    return float(np.where(off > 0, rel_mse, 0.0).mean()), float(smape.mean())
+
+
+def _known(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the values that are finite in both pictures, as float64."""
+    known = np.isfinite(one) & np.isfinite(other)
+    return one[known].astype(np.float64), other[known].astype(np.float64)
