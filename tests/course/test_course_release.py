@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -564,6 +565,21 @@ def test_new_sentences_need_a_contract(tiny):
     assert not any("Three" in line for line in told())
     (tiny.folder / contracts.FILE_NAME).unlink()
     assert told() == ["contracts.toml: is missing"]
+
+
+@pytest.mark.parametrize("name", ["a1", "a2", "a3", "a4"])
+def test_the_grading_key_assigns_the_points_of_the_written_exercises(name):
+    """Each exercise of the key has as many points, and together they are those of the rubric."""
+    assignment = assignments.find(name)
+    key = (assignment.solutions / "exercises.md").read_text(encoding="utf-8")
+    exercises = re.split(r"^## \d+\. ", key, flags=re.MULTILINE)[1:]
+    assigned = [
+        sum(map(float, re.findall(r":\s([\d.]*\d)(?=[.;])", part.partition("*Points.*")[2])))
+        for part in exercises
+    ]
+    assert assigned == pytest.approx([2.0] * len(exercises))
+    whole = {part.id: part.points for part in assignment.rubric.by_hand}
+    assert sum(assigned) == pytest.approx(whole[f"{name}.exercises"])
 
 
 @pytest.mark.parametrize("name", ["a1", "a2", "a3"])
