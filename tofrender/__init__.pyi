@@ -78,6 +78,7 @@ from .io import (
     load_npz as load_npz,
     save_capture as save_capture,
     save_exr_stack as save_exr_stack,
+    save_matlab_capture as save_matlab_capture,
     save_npz as save_npz,
     save_png_frames as save_png_frames,
     save_point_cloud as save_point_cloud,

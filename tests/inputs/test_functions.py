@@ -109,6 +109,7 @@ CONSTANTS: dict[str, Any] = {
     **{"start_opl": 1.0, "bin_width_opl": 0.1},
     **{"x": 2, "y": 1, "opl": 1.0, "time_ns": 1.0, "pulse_width_opl": 0.03, "width_opl": 0.1},
     **{"k": 3, "n_bits": 4, "count": 4, "kind": "grid", "mode": "confocal", "name": "tent"},
+    "layout": "lct",
     **{"v0": (0, 0, 0), "v1": (1, 0, 0), "v2": (0, 1, 0), "alpha": 0.3, "cos_theta_max": 0.5},
     **{"corner": (0, 0, 0), "e0": (1, 0, 0), "e1": (0, 1, 0), "o": (0, 0, 4), "wi": (0, 0, 1)},
     **{"time_s": 0.1, "source": "cornell_box", "film_config": FILM, "method": "bp", "offset": 4.0},
@@ -124,7 +125,7 @@ QUICK = {"progress": False, "spp": 1, "min_size": 4, "samples": 1000, "resolutio
 
 WRITTEN = {
     **{"Checkpoint": "a.npz", "save_npz": "a.npz", "save_video": "a.gif", "save_capture": "a.h5"},
-    **{"save_point_cloud": "a.ply"},
+    **{"save_point_cloud": "a.ply", "save_matlab_capture": "a.mat"},
     **{"save_exr_layers": "a.exr", "save_zarr": "a.zarr", "save_figure": "a.png"},
     "report": "a.html",
 }

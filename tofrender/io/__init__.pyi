@@ -8,6 +8,7 @@ from .exr import (
 )
 from .hdf5 import save_capture as save_capture
 from .histograms import load_histograms as load_histograms, load_poses as load_poses
+from .matlab_captures import save_matlab_capture as save_matlab_capture
 from .npz import load_npz as load_npz, save_npz as save_npz
 from .output import check_output as check_output, output_folder as output_folder
 from .pictures import save_png_frames as save_png_frames, save_video as save_video

@@ -105,6 +105,19 @@ def _variable(file: Path, name: str, axes: int) -> np.ndarray:
     return checks.real_array(name, values)
 
 
+def _number(file: Path, name: str) -> float:
+    """Read an array of one number."""
+    value = _variable(file, name, 2)
+    checks.shape(name, value, value.size == 1, "one number")
+    return float(value.item())
+
+
+def _stated(file: Path) -> dict[str, float]:
+    """Read the parameters that files of `save_matlab_capture` contain."""
+    names = matlab_names(file)
+    return {name: _number(file, name) for name in ("wall_size", "bin_width_s") if name in names}
+
+
 def read_lct(file: Path, given: dict[str, Any]) -> xr.Dataset:
     """Read `rect_data` (x, y, bins), x mirrored, and `width`, half the side of the wall [m].
 
@@ -112,9 +125,8 @@ def read_lct(file: Path, given: dict[str, Any]) -> xr.Dataset:
     Confocal non-line-of-sight imaging based on the light-cone transform, Nature 555 (2018).
     """
     counts = _variable(file, "rect_data", 3).transpose(1, 0, 2)[:, ::-1]
-    half = _variable(file, "width", 2)
-    checks.shape("width", half, half.size == 1, "one number")
-    return scan(counts, given, wall_size=2 * half.item(), bin_width_s=4e-12)
+    known = {"bin_width_s": 4e-12} | _stated(file)
+    return scan(counts, given, **known | {"wall_size": 2 * _number(file, "width")})
 
 
 def read_fk(file: Path, given: dict[str, Any]) -> xr.Dataset:
@@ -126,7 +138,7 @@ def read_fk(file: Path, given: dict[str, Any]) -> xr.Dataset:
     states bins of 32 ps and a wall of 2 m.
     """
     counts = _variable(file, "meas", 3)
-    known = {"wall_size": 2.0, "bin_width_s": 32e-12}
+    known = {"wall_size": 2.0, "bin_width_s": 32e-12} | _stated(file)
     if "start_s" in given:
         return scan(counts, given, **known)
 
