@@ -76,6 +76,7 @@ OPTIONS = {
     "estimate_depth": {"method": "ml"},
     "pyramid_figure": {"opl": 3.55},
     "rebin": {"bins": 1},
+    "save_matlab_capture": {"layout": "fk"},
 }
 """Further parameters of functions."""
 
@@ -92,6 +93,7 @@ LOADERS = {
     "save_exr_stack": (io.load_exr_stack, ""),
     "save_zarr": (tofrender.load_zarr, ".zarr"),
     "save_capture": (tofrender.load_capture, ".h5"),
+    "save_matlab_capture": (tofrender.load_capture, ".mat"),
     "save_point_cloud": (None, ".nc"),
     "save_png_frames": (None, ""),
     "save_video": (None, ".gif"),
@@ -271,6 +273,7 @@ EXAMPLES_OF = {
     "denoise": [film(bins=4, halves=True)],
     "estimate_depth": [sensors.Spad().histogram(RATES, 900, 1)],
     "echoes": [sensors.Spad().histogram(RATES, 900, 1)],
+    "save_matlab_capture": [small_capture().isel(x=slice(3), y=slice(3), opl=slice(8))],
 }
 """Those of single functions."""
 
