@@ -44,6 +44,11 @@ captured = cached(lambda: capture_of(PATCH, Wall(4), bins=24, width=0.05))
 volume = cached(lambda: tofrender.reconstruct(captured(), "bp", **QUIET))
 pyramid = cached(lambda: tofrender.strategy_pyramid(box(), max_depth=2, spp=1, **QUIET))
 counted = cached(lambda: tofrender.sensors.sense(data(), COUNTER))
+depth_errors = cached(
+    lambda: tofrender.sensors.reconstruction_errors(
+        captured(), wall(), sensor=COUNTER, photons_per_cycle=[0.5], methods=["bp"], seeds=1
+    )
+)
 verdict = cached(lambda: sampling.warp_case("tent").test(samples=2000, resolution=4))
 drawn = cached(lambda: tofrender.plot_pixel_transient(CUBE, 0, 0, 1.0, 0.1))
 record = cached(lambda: sampling.Sphere((0, 0, 1), 0.1).sample(mi.Point3f(0), mi.Point2f(0.5)))
@@ -72,11 +77,22 @@ by_rates = cached(lambda: tofrender.range_rate(box(), spp=1, rate_bins=3, **QUIE
 @pytest.fixture(scope="module", autouse=True)
 def _made():
     """What takes work is made before the tests forbid it; no scene stays behind."""
-    for made in (pyramid, volume, verdict, halved, points, heard, by_rates):
+    for made in (pyramid, volume, verdict, depth_errors, halved, points, heard, by_rates):
         made()
     yield
     scenes = (box, wall, lamp, gated, modulated, halved, apart, heard, by_rates)
-    for each in (*scenes, data, captured, volume, pyramid, verdict, record, shots, points):
+    for each in (
+        *scenes,
+        data,
+        captured,
+        depth_errors,
+        volume,
+        pyramid,
+        verdict,
+        record,
+        shots,
+        points,
+    ):
         each.cache_clear()
 
 
@@ -397,6 +413,22 @@ TABLE = [
     row("scanning.true_points", {"waveforms": "render"}, waveforms=shots),
     row("io.save_point_cloud", {"cloud": "render"}, cloud=points),
     row("sensors.sense", {"sensor": "choice", "dataset": "dataset"}, dataset=data, sensor=COUNTER),
+    row(
+        "sensors.reconstruction_errors",
+        {
+            "methods": "choice",
+            "photons_per_cycle": "times",
+            "scene": "source",
+            "seeds": "count",
+            "sensor": "choice",
+        },
+        methods=["bp"],
+        photons_per_cycle=[0.5],
+        scene=wall,
+        seeds=1,
+        sensor=COUNTER,
+    ),
+    row("vis.reconstruction_errors_figure", {"errors": "object"}, errors=depth_errors),
     row("vis.measurement_figure", {"measured": "dataset"}, measured=counted),
     # ---------------------------------------------------------------------------------- motion
     row("render_frames", {"poses": "count?"} | FRAMES, scene=apart, times_s=[0.1], exposure_s=0.1),

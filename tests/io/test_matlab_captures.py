@@ -91,7 +91,10 @@ def test_legs_are_subtracted_and_light_is_divided_between_bins(tmp_path):
     bare = without_first_and_last_legs(given)
     assert found.attrs["start_opl"] == 0
     means = []
-    for each, values in ((found, found["transient"][..., 0]), (bare, gray(bare["transient"].values))):
+    for each, values in (
+        (found, found["transient"][..., 0]),
+        (bare, gray(bare["transient"].values)),
+    ):
         total = np.asarray(values).sum(axis=2)
         means.append((total, (np.asarray(values) * each["opl"].values).sum(axis=2) / total))
     np.testing.assert_allclose(means[0][0], means[1][0], rtol=1e-5)

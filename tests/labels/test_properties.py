@@ -76,6 +76,7 @@ OPTIONS = {
     "estimate_depth": {"method": "ml"},
     "pyramid_figure": {"opl": 3.55},
     "rebin": {"bins": 1},
+    "reconstruction_errors": {"photons_per_cycle": [0.5], "methods": ["bp"], "seeds": 1},
     "save_matlab_capture": {"layout": "fk"},
 }
 """Further parameters of functions."""

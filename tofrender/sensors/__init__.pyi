@@ -1,5 +1,6 @@
 from .bounds import depth_bound as depth_bound, echo_bounds as echo_bounds
 from .cameras import GatedCamera as GatedCamera, StreakCamera as StreakCamera
+from .capture_errors import reconstruction_errors as reconstruction_errors
 from .config import sense as sense
 from .echo_detection import echoes as echoes
 from .estimators import estimate_depth as estimate_depth

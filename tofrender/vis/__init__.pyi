@@ -13,7 +13,10 @@ from .polarization import (
 )
 from .pyramid import pyramid_figure as pyramid_figure
 from .rates import range_velocity_map as range_velocity_map, velocity_map as velocity_map
-from .reconstructions import reconstruction_figure as reconstruction_figure
+from .reconstructions import (
+    reconstruction_errors_figure as reconstruction_errors_figure,
+    reconstruction_figure as reconstruction_figure,
+)
 from .sensing import measurement_figure as measurement_figure
 from .summary import summary_figure as summary_figure
 from .tone import (

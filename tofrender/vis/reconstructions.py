@@ -1,4 +1,4 @@
-"""Figure of a reconstructed volume: three projections and the depth."""
+"""Figures of a reconstructed volume, and of the errors of reconstructions."""
 
 from typing import Annotated, Any
 
@@ -10,8 +10,12 @@ from matplotlib.patches import Rectangle
 from ..labels import VOLUME, read
 from ..nlos.reconstruction.depths import check_volume, depth_map
 from ..runtime import checks
-from ..runtime.canvas import figure_width, in_style
-from ..runtime.plots import COLUMN, HATCH, PictureGrid, few_ticks
+from ..runtime.canvas import figure_width, in_style, new_figure
+from ..runtime.plots import COLUMN, HATCH, PictureGrid, few_ticks, wrap_text
+
+_ERROR_AXES = {"reconstruction", "photons_per_cycle", "seed"}
+_MEASURES = {"error": "median depth error [m]", "found": "fraction of depths found"}
+_MARKERS = "osD^v"
 
 
 @in_style()
@@ -112,3 +116,57 @@ def _edges(centers: np.ndarray) -> tuple[float, float]:
     """Return the outer edges of voxels [m]."""
     step = (centers[-1] - centers[0]) / (len(centers) - 1) if len(centers) > 1 else 1.0
     return float(centers[0] - step / 2), float(centers[-1] + step / 2)
+
+
+@in_style()
+def reconstruction_errors_figure(errors: xr.Dataset, *, title: str | None = None) -> Figure:
+    """Draw the depth error of each reconstruction method over the signal level.
+
+    The left panel shows the median of the depth error over the seeds, with a band from the smallest
+    to the largest error. The right panel shows the fraction of depths that were found.
+
+    Args:
+        errors: Result of `reconstruction_errors`.
+        title: Title of the figure, or None.
+
+    Raises:
+        ValueError: `errors` is not a result of `reconstruction_errors`.
+
+    Example:
+        >>> axes = ("reconstruction", "photons_per_cycle", "seed")
+        >>> values = {"error": (axes, np.ones((1, 2, 1))), "found": (axes, np.ones((1, 2, 1)))}
+        >>> levels = {"reconstruction": ["lct"], "photons_per_cycle": [0.1, 1.0], "seed": [0]}
+        >>> reconstruction_errors_figure(xr.Dataset(values, levels)).axes[0].get_xscale()
+        'log'
+    """
+    # Check the arguments
+    checks.instance("errors", errors, xr.Dataset, "a Dataset of reconstruction_errors")
+    valid = all(name in errors and set(errors[name].dims) == _ERROR_AXES for name in _MEASURES)
+    checks.require("errors", list(errors), valid, "a Dataset of reconstruction_errors")
+    checks.text("title", title)
+    errors = errors.sortby("photons_per_cycle")
+    levels = errors["photons_per_cycle"].values
+
+    # Draw both panels
+    width = figure_width(7.0)
+    figure = new_figure(width, 3.0, "compressed")
+    for axes, (name, label) in zip(figure.subplots(1, 2), _MEASURES.items(), strict=True):
+        for k, method in enumerate(errors["reconstruction"].values):
+            values = errors[name].sel(reconstruction=method)
+            middle, low, high = (
+                getattr(values, of)("seed").values for of in ("median", "min", "max")
+            )
+            marker = _MARKERS[k % len(_MARKERS)]
+            (drawn,) = axes.plot(levels, middle, marker=marker, label=str(method))
+            axes.fill_between(levels, low, high, color=drawn.get_color(), alpha=0.2)
+        axes.set_xscale("log")
+        axes.set_xlabel("photons per cycle and pixel")
+        axes.set_ylabel(label)
+    errors_panel, found_panel = figure.axes
+    if np.nanmax(errors["error"].values, initial=0) > 0:
+        errors_panel.set_yscale("log")
+    found_panel.set_ylim(-0.02, 1.02)
+    errors_panel.legend()
+    if title is not None:
+        figure.suptitle(wrap_text(title, width))
+    return figure
