@@ -1,17 +1,8 @@
 """Plant each bug in a copy of the project, and see that its tests fail there.
 
-`python -m tests.mutants [--only NAME] [--jobs N]`. A bug is an entry of `<package>.toml` here:
-
-    [[bug]]
-    name = "gate_sees_pulse_reversed"
-    file = "tofrender/films/time_bins.py"
-    wrong = "Gates see an asymmetric pulse reversed in time."
-    before = '''        return pulse.eval((k + 0.5) * width - opl)'''
-    after = '''        return pulse.eval(opl - (k + 0.5) * width)'''
-    tests = ["tests/films/test_film.py::test_a_gate_sees_the_pulse"]
-
-`before` occurs once in the file. With the bug at least one of the tests fail; without, all pass.
-They are tried as `make test` runs them, and if none fails, as `make test-all` does.
+`python -m tests.mutants [--only NAME] [--jobs N]`. The docstring of `planting.py` describes the
+entries. With the bug at least one of its tests must fail; without, all pass. The tests are tried as
+`make test` runs them, and if none fails, as `make test-all` does.
 """
 
 import argparse
@@ -20,47 +11,13 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import tomllib
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 
-ROOT = Path(__file__).resolve().parents[2]
+from .planting import ROOT, Bug, bugs, planted
+
 LIMIT_S = 900  # A run of a bug's tests that takes longer has been hung by it, which finds it too
-
-
-@dataclass(frozen=True)
-class Bug:
-    """A planted bug."""
-
-    name: str  # its name
-    file: str  # the file of the package that has it
-    wrong: str  # what a user would notice
-    before: str  # text that occurs once in the file
-    after: str  # what replaces it
-    tests: tuple[str, ...]  # node ids of tests that must fail
-
-
-def bugs() -> list[Bug]:
-    """All planted bugs."""
-    found = []
-    for path in sorted(Path(__file__).parent.glob("*.toml")):
-        for entry in tomllib.loads(path.read_text(encoding="utf-8"))["bug"]:
-            found.append(Bug(**entry | {"tests": tuple(entry["tests"])}))
-    return found
-
-
-def planted(bug: Bug, root: Path = ROOT) -> str:
-    """The text of the file with the bug.
-
-    Raises:
-        ValueError: The text to replace does not occur once.
-    """
-    text = (root / bug.file).read_text(encoding="utf-8")
-    if text.count(bug.before) != 1:
-        raise ValueError(f"{bug.name}: `before` is {text.count(bug.before)} times in {bug.file}")
-    return text.replace(bug.before, bug.after)
 
 
 def copy(folder: Path) -> Path:
