@@ -250,6 +250,18 @@ def test_any_pulse_can_be_set():
     assert bins.sum() == pytest.approx(2.0, abs=1e-5)
 
 
+@pytest.mark.parametrize("start", [-1.4, 0.3])
+def test_pulses_that_begin_away_from_0_keep_their_energy(start):
+    """Each bin has the energy of the pulse between its edges."""
+    loaded = load(lamp_at(3.03, film(**WINDOW)))
+    pulse = SampledPulse([1.0, 4.0, 3.0, 2.0, 0.5], start_opl=start, bin_width_opl=0.23)
+    loaded.integrator().pulse = pulse
+    bins = rendered(loaded, spp=4)[1][0, 0, :, 0]
+    expected = 2.0 * np.diff([pulse.cdf(edge - 3.03) for edge in EDGES])
+    assert bins == pytest.approx(expected, abs=4e-4)
+    assert bins.sum() == pytest.approx(2.0, abs=1e-5)
+
+
 FILM, PATH = "transient_hdr_film", "transient_path"
 NAN, INF = float("nan"), float("inf")
 BAD = [

@@ -8,6 +8,7 @@ from functools import partial
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.limits import lower
 from helpers.parts import diffuse, gray, plane, point_light, rotate, translate
 from helpers.support import camera, film, load, refused, scene, with_integrator
 
@@ -38,12 +39,12 @@ def gated(**parameters) -> mi.Object:
 PEAK = 1 / (0.1 * math.sqrt(2 * math.pi))  # Of the pulse of a gate
 
 
-def one_path(color=(1.0, 1.0, 1.0)):
+def one_path(color=(1.0, 1.0, 1.0), **integrator):
     """A point light and a plane: exactly one path. Returns scene, its length and radiance."""
     white = {"type": "rgb", "value": [0.5 * each for each in color]}
     floor = plane(size=10, bsdf={"type": "diffuse", "reflectance": white})
     parts = {"floor": floor, "lamp": point_light((0, 0, 1.5), 3.0)}
-    loaded = load(scene(parts, camera((0, 0, 2.0), (0, 0, 0), film(), fov=1e-3)))
+    loaded = load(scene(parts, camera((0, 0, 2.0), (0, 0, 0), film(), fov=1e-3), **integrator))
     return loaded, 3.5, 0.5 / math.pi * 3.0 / 1.5**2
 
 
@@ -54,6 +55,17 @@ def test_one_path_through_a_gate():
         image = tofrender.render_at_time(loaded, gated(), loaded.sensors()[0], opl + offset, spp=4)
         expected = radiance * PEAK * math.exp(-0.5 * (offset / 0.1) ** 2)
         assert image[0, 0] == pytest.approx([expected] * 3, rel=2e-4), offset
+
+
+@pytest.mark.parametrize(("start", "target"), [(-3.0, 1.8), (0.5, 5.3)])
+def test_gates_of_pulses_that_begin_away_from_0(start, target):
+    """The gate sees L p(t - opl). The pulse rises before or after its 0."""
+    loaded, opl, radiance = one_path(color=(0.3, 0.6, 1.0))
+    integrator = gated()
+    integrator.pulse = SampledPulse([1.0, 2.0, 5.0], start_opl=start, bin_width_opl=0.9)
+    image = tofrender.render_at_time(loaded, integrator, loaded.sensors()[0], target, spp=4)
+    density = np.array([1.0, 2.0, 5.0])[int((target - opl - start) / 0.9)] / (8 * 0.9)
+    assert image[0, 0] == pytest.approx(radiance * density * np.array([0.3, 0.6, 1.0]), rel=1e-4)
 
 
 def test_all_gates_are_one_trace():
@@ -278,7 +290,7 @@ def test_phasors_at_many_frequencies():
 
 def test_memory_limits_the_number_of_frequencies(monkeypatch):
     """The image of 32 x 24 pixels with 100 frequencies takes 1.8 MB, and the work 9 times that."""
-    monkeypatch.setattr(memory, "available", lambda: memory.RESERVE + 10_000_000)
+    lower(monkeypatch, available_memory=memory.RESERVE + 10_000_000)
     loaded = box(height=24)
     given = loaded, loaded.sensors()[0], [1e6 * k for k in range(1, 101)], 1
     text = "film of 32 x 24 pixels x 100 frequencies: takes"
@@ -304,6 +316,20 @@ def test_film_of_phasors_under_mitsubas_render():
         np.testing.assert_allclose(values, part, rtol=1e-4, atol=1e-5)
     # Phasors at low frequency are as bright as the steady image
     assert np.abs(np.hypot(*parts)[0]).max() <= np.array(steady).max() * (1 + 1e-5)
+
+
+def test_phasors_of_a_film_count_from_its_start():
+    """A path of length L has the phasor E exp(2 pi i f (L - start) / c)."""
+    loaded, opl, radiance = one_path(color=(1.0, 0.5, 0.2))
+    phasor_film = {"type": "phasor_hdr_film", "width": 2, "height": 3}
+    phasor_film |= {"start_opl": 1.3, "frequencies_hz": "20e6, 70e6"}
+    sensor = mi.load_dict(camera((0, 0, 2.0), (0, 0, 0), phasor_film, fov=1e-3))
+    phasors = np.array(mi.render(loaded, sensor=sensor, spp=4)[1])
+    for index, frequency in enumerate([20e6, 70e6]):
+        wave = np.exp(2j * math.pi * frequency * (opl - 1.3) / C)
+        expected = radiance * np.array([1.0, 0.5, 0.2]) * wave
+        found = phasors[2, 1, index, 0] + 1j * phasors[2, 1, index, 1]
+        assert found == pytest.approx(expected, rel=1e-3)
 
 
 def test_film_of_phasors_in_mono_has_mitransients_shape():
@@ -335,6 +361,14 @@ def test_a_pulse_dims_phasors_by_its_fourier_transform():
     )
     assert amplitude[0, 0, 0] == pytest.approx(radiance * dimmed, rel=1e-4)
     assert math.cos(phase[0, 0, 0] - k * opl) == pytest.approx(1, abs=1e-5)
+
+
+def test_phasors_keep_the_pulse_of_another_integrator():
+    loaded, opl, radiance = one_path(type="time_gated_transient_path", pulse_width_opl=0.4)
+    I, Q, *_ = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], 70e6, spp=4)
+    k = 2 * math.pi * 70e6 / C
+    expected = radiance * math.exp(-0.5 * (k * 0.4) ** 2) * np.exp(1j * k * opl)
+    assert I[0, 0, 0] + 1j * Q[0, 0, 0] == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_scene_of_another_variant_is_refused_in_a_line():

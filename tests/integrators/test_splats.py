@@ -22,12 +22,12 @@ from helpers.light_paths import (
     spot,
     through,
 )
+from helpers.limits import lower
 from helpers.parts import area_light, diffuse, plane, translate
 from helpers.support import agree, load, over_seeds, rendered, with_film, with_sampler
 from oracles.light_paths import View, window_area
 
 import tofrender
-from tofrender.integrators import passes
 from tofrender.runtime.settings import SAMPLERS
 
 CUTOFF = 20.0
@@ -110,8 +110,7 @@ def test_a_million_paths_in_one_pixel_are_not_low():
 
 def test_many_steps(monkeypatch):
     """Each adds its splats; so does what is put aside after many samples."""
-    monkeypatch.setattr(passes, "STEP_SAMPLES", 64 * 100)
-    monkeypatch.setattr(passes, "MAX_ADDED", 256)
+    lower(monkeypatch, step_samples=64 * 100, max_added=256)
     assert has_all(*rendered(under_the_spot(), spp=1000))
 
 
@@ -223,7 +222,7 @@ def test_a_film_that_is_partly_finished_contains_them(technique, size, monkeypat
         return channels
 
     described = under_the_spot(technique, size)
-    monkeypatch.setattr(passes, "STEP_SAMPLES", PATHS)
+    lower(monkeypatch, step_samples=PATHS)
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", interrupted)
     with pytest.warns(UserWarning, match="interrupted: returning"):
         part = tofrender.render(described, spp=(1 << 24) // size**2, progress=False)

@@ -17,6 +17,7 @@ from queue import SimpleQueue
 
 from .planting import ROOT, Bug, bugs, planted
 
+QUICK = 0.8  # Fraction of the bugs that `make test` must find; `make test-all` must find all
 LIMIT_S = 900  # A run of a bug's tests that takes longer has been hung by it, which finds it too
 
 
@@ -68,7 +69,7 @@ def verdict(bug: Bug, folder: Path) -> str:
 
 
 def main() -> int:
-    """Try the bugs; returns 0 if all are found, and 95 % of them by `make test`."""
+    """Try the bugs; return 0 if all are found, and enough of them by `make test`."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__)
     parser.add_argument("--only", metavar="TEXT", default="", help="bugs whose name has this text")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="so many at a time")
@@ -94,7 +95,7 @@ def main() -> int:
         list(pool.map(attempt, chosen))
     quick, all_of = len(found["make test"]), len(found["make test"]) + len(found["make test-all"])
     print(f"{len(chosen)} bugs: make test finds {quick}, make test-all {all_of}")
-    return int(bool(found["nothing"]) or quick < 0.95 * all_of)
+    return int(bool(found["nothing"]) or quick < QUICK * all_of)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from helpers import hidden_scenes as scenes
+from helpers.limits import lower
 from oracles.nlos import Nodes, Rectangle
 
 import tofrender
@@ -27,7 +28,6 @@ from tofrender.nlos import (
 from tofrender.nlos.reconstruction import backprojection
 from tofrender.nlos.reconstruction.measured import Measured
 from tofrender.nlos.reconstruction.volume import resample
-from tofrender.runtime import memory
 from tofrender.vis.reconstructions import reconstruction_figure
 
 TIME = {"width": 0.012, "bins": 125}
@@ -252,7 +252,7 @@ def test_backprojection_is_its_formula(mode, weighting):
 def test_backprojection_in_steps(monkeypatch):
     capture = scenes.capture_of(scenes.letter_z(), scenes.Wall(8), bins=50, width=0.03)
     whole = run(capture, "bp")
-    monkeypatch.setattr(backprojection, "_PAIRS_A_STEP", 64 * 77)
+    lower(monkeypatch, backprojected_pairs=64 * 77)
     np.testing.assert_array_equal(run(capture, "bp")["intensity"], whole["intensity"])
 
 
@@ -389,7 +389,7 @@ def test_captures_that_a_method_does_not_allow():
 
 @pytest.mark.parametrize("method", ["lct", "fk", "phasor"])
 def test_too_little_memory(monkeypatch, method):
-    monkeypatch.setattr(memory, "free_on_host", lambda: 1 << 10)
+    lower(monkeypatch, free_memory=1 << 10)
     with pytest.raises(MemoryError, match=f"^method = '{method}': it needs .* are free. Use"):
         run(BASE, method)
 

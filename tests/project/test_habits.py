@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 from helpers import affected, selection, workers
+from helpers.limits import lower
 from mutants.planting import Bug, bugs, planted as plant
 
 ROOT = Path(__file__).parents[2]
@@ -261,7 +262,7 @@ def test_a_planted_bug_is_at_one_place_of_a_function(
 def test_processes_are_as_many_as_cores_and_memory_allow(monkeypatch):
     for cores, memory, processes in ((1, 99, 0), (4, 99, 4), (64, 99, 8), (8, 7, 3), (8, 3, 0)):
         monkeypatch.setattr(workers, "cores", lambda cores=cores: cores)
-        monkeypatch.setattr(workers.memory, "free_on_host", lambda memory=memory: memory << 30)
+        lower(monkeypatch, free_memory=memory << 30)
         assert workers.pytest_xdist_auto_num_workers() == processes
 
 

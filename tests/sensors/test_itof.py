@@ -147,6 +147,17 @@ def test_saturation_and_conversion():
     assert long / (2**31 - 1) == pytest.approx(mean, rel=1e-4)
 
 
+def test_one_saturated_frequency_makes_a_pixel_saturated():
+    rates, _ = scene(1.0, 400_000.0, pixels=(2, 3))
+    camera = Itof(frequencies_hz=[20e6, 70e6], full_well=147_700.0)
+    found = camera.frames(rates, 1, seed=4)
+    largest = found["taps"].values.max(axis=1)
+    assert (largest[0] < 147_700.0).all()
+    assert (largest[1] == 147_700.0).all()
+    assert found["saturated"].values.all()
+    assert np.isnan(camera.depth(found)["depth"].values).all()
+
+
 def failure_rate(stds, frequencies):
     """Two periods, f_1 : f_2 = a : b, are found if |b e_1 - a e_2| < pi."""
     ratio = Fraction(frequencies[0] / frequencies[1]).limit_denominator(100)
