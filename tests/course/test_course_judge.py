@@ -287,6 +287,14 @@ def test_exact_comparisons():
     fails(expect.true, False, says="what")
 
 
+def test_each_element_has_a_tolerance_of_its_own():
+    """A small element next to a large one must be as precise, relative to itself."""
+    expect.close([[50.004, 0.00100005]], [[50.0, 0.001]], "x")
+    for came in ([[50.0, 0.003]], [[50.0, 0.0010002]], [[50.02, 0.001]]):
+        fails(expect.close, came, [[50.0, 0.001]])
+    expect.close([[50.0, 0.003]], [[50.0, 0.001]], "x", atol=0.0021)
+
+
 def fails(compare, *arguments, says: str | None = None, **options) -> expect.Failure:
     """Return the failure of a comparison that must fail with this text."""
     with pytest.raises(expect.Failure, match=says and re.escape(says)) as failure:

@@ -24,7 +24,17 @@ from helpers.light_paths import (
 )
 from helpers.limits import lower
 from helpers.parts import area_light, diffuse, plane, translate
-from helpers.support import agree, load, over_seeds, rendered, with_film, with_sampler
+from helpers.support import (
+    agree,
+    camera,
+    film,
+    load,
+    over_seeds,
+    rendered,
+    scene,
+    with_film,
+    with_sampler,
+)
 from oracles.light_paths import View, window_area
 
 import tofrender
@@ -101,6 +111,21 @@ def test_every_sampler(sampler):
     loaded = load(with_sampler(under_the_spot(), sampler))
     for spp in (1024, 900):
         assert has_all(*rendered(loaded, spp))
+
+
+@pytest.mark.parametrize("size", [(9, 4), (3, 8)])
+def test_filters_keep_the_brightness_at_all_edges(size):
+    """A lamp of radiance 2 fills the view. All rows and columns have the same radiance."""
+    width, height = size
+    lamp = plane(translate(0, 0, -1), size=0.7, emitter=area_light(2.0), bsdf=diffuse(0))
+    the_film = film(width=width, height=height, bins=1, bin_width=8.0)
+    the_film["rfilter"] = {"type": "gaussian"}
+    view = camera((0, 0, 0), (0, 0, -1), the_film, up=(0, 1, 0), fov=60, fov_axis="larger")
+    tracer = {"type": LIGHT_TRACER, "temporal_filter": "box"}
+    steady, transient = rendered(scene({"lamp": lamp}, view, **tracer), 4096)
+    for picture in (steady, transient[:, :, 0]):
+        assert picture.mean(axis=(0, 2)) == pytest.approx(np.full(width, 2.0), rel=0.05)
+        assert picture.mean(axis=(1, 2)) == pytest.approx(np.full(height, 2.0), rel=0.05)
 
 
 def test_a_million_paths_in_one_pixel_are_not_low():

@@ -421,20 +421,21 @@ def test_depth_map():
 
 
 def test_depth_error():
-    values = np.zeros((4, 1, 4))
+    values = np.zeros((4, 1, 5))
     values[[1, 2, 3], 0, [0, 1, 3]] = 1
-    error = depth_error(volume_of(values), [[0.1, 0.23, 0.2, np.nan]])
-    assert (error.pixels, error.found, error.extra) == (2, 2 / 3, 1 / 3)
+    truth = [[0.1, 0.23, 0.2, np.nan, 0.3]]
+    error = depth_error(volume_of(values), truth)
+    assert (error.pixels, error.found, error.extra) == (2, 2 / 4, 1 / 3)
     np.testing.assert_allclose((error.median, error.mean, error.bias), (0.015, 0.015, -0.015))
     np.testing.assert_allclose(error.rms, 0.03 / 2**0.5)
-    labeled = depth_map(volume_of(values)).copy(data=[[0.1, 0.23, 0.2, np.nan]])
+    labeled = depth_map(volume_of(values)).copy(data=truth)
     assert depth_error(volume_of(values), labeled.transpose()) == error
     with pytest.raises(ValueError, match=r"truth: the axis x has other labels"):
         depth_error(volume_of(values), labeled.assign_coords(x=labeled["x"] + 0.5))
-    nothing = depth_error(volume_of(values), [[np.nan, np.nan, 0.2, np.nan]])
+    nothing = depth_error(volume_of(values), [[np.nan, np.nan, 0.2, np.nan, 0.3]])
     assert np.isnan(nothing.median)
     assert nothing.pixels == 0
-    for truth, said in ((np.full((1, 4), np.nan), "pixels are NaN"), ([1, 2], "with shape")):
+    for truth, said in ((np.full((1, 5), np.nan), "pixels are NaN"), ([1, 2], "with shape")):
         with pytest.raises(ValueError, match=f"truth.* {said}"):
             depth_error(volume_of(values), truth)
 
