@@ -39,12 +39,12 @@ def gated(**parameters) -> mi.Object:
 PEAK = 1 / (0.1 * math.sqrt(2 * math.pi))  # Of the pulse of a gate
 
 
-def one_path(color=(1.0, 1.0, 1.0), **integrator):
+def one_path(color=(1.0, 1.0, 1.0)):
     """A point light and a plane: exactly one path. Returns scene, its length and radiance."""
     white = {"type": "rgb", "value": [0.5 * each for each in color]}
     floor = plane(size=10, bsdf={"type": "diffuse", "reflectance": white})
     parts = {"floor": floor, "lamp": point_light((0, 0, 1.5), 3.0)}
-    loaded = load(scene(parts, camera((0, 0, 2.0), (0, 0, 0), film(), fov=1e-3), **integrator))
+    loaded = load(scene(parts, camera((0, 0, 2.0), (0, 0, 0), film(), fov=1e-3)))
     return loaded, 3.5, 0.5 / math.pi * 3.0 / 1.5**2
 
 
@@ -361,14 +361,6 @@ def test_a_pulse_dims_phasors_by_its_fourier_transform():
     )
     assert amplitude[0, 0, 0] == pytest.approx(radiance * dimmed, rel=1e-4)
     assert math.cos(phase[0, 0, 0] - k * opl) == pytest.approx(1, abs=1e-5)
-
-
-def test_phasors_keep_the_pulse_of_another_integrator():
-    loaded, opl, radiance = one_path(type="time_gated_transient_path", pulse_width_opl=0.4)
-    I, Q, *_ = tofrender.render_amcw_phasor(loaded, loaded.sensors()[0], 70e6, spp=4)
-    k = 2 * math.pi * 70e6 / C
-    expected = radiance * math.exp(-0.5 * (k * 0.4) ** 2) * np.exp(1j * k * opl)
-    assert I[0, 0, 0] + 1j * Q[0, 0, 0] == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_scene_of_another_variant_is_refused_in_a_line():

@@ -313,14 +313,15 @@ def test_more_samples_than_float32_adds(path, small_steps, monkeypatch, name, af
     assert difference(result, whole) < ROUNDING
 
 
-def test_more_samples_the_second_time(path, small_steps):
-    whole = rendered(box(), spp=2 * SPP)(None)
+@pytest.mark.parametrize("technique", ["transient_path", "transient_light_tracer"])
+def test_more_samples_the_second_time(path, small_steps, technique):
+    whole = rendered(box(technique), spp=2 * SPP)(None)
     small_steps()
-    assert stopped(rendered(box()), Cut(path, 3)) is None
-    assert stopped(rendered(box()), Cut(path, seconds=NOW)) is not None
+    assert stopped(rendered(box(technique)), Cut(path, 3)) is None
+    assert stopped(rendered(box(technique)), Cut(path, seconds=NOW)) is not None
     for spp, done, steps in ((2 * SPP, SPP, SPP // STEP), (2 * SPP, 2 * SPP, 0)):
         last = Cut(path, seconds=NOW)
-        assert difference(rendered(box(), spp=spp)(last), whole) < ROUNDING
+        assert difference(rendered(box(technique), spp=spp)(last), whole) < ROUNDING
         assert last.told == [f"resuming from {done} of {spp} samples per pixel"]
         assert last.steps == steps
 
