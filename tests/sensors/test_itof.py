@@ -187,7 +187,7 @@ def test_unwrapping_fails_as_often_as_predicted(signal):
         ({"taps": 2}, "taps = 2"),
         ({"contrast": 1.2}, "contrast = 1.2"),
         ({"contrast": 1.0, "harmonics": (0.0, 0.5)}, "harmonics = .* no light is negative"),
-        ({"adc_bits": 8}, "full_well = None: must be given with adc_bits"),
+        ({"adc_bits": 8}, "full_well = None:"),
         ({"frequencies_hz": []}, r"frequencies_hz = \[\]"),
         ({"read_noise": np.nan}, "read_noise = nan"),
     ],
@@ -203,5 +203,5 @@ def test_bad_frames():
     refused("of this camera's frequencies", Itof(frequencies_hz=2.5 * F).depth, frames)
     odd = Itof(frequencies_hz=[20e6, 51.2345e6])  # Their phases repeat after 300 km
     assert odd.depth(odd.expected(rates))["depth"].values < 12e3
-    refused("max_depth = 1.0: must be None with", Itof(frequencies_hz=F).depth, frames, 1.0)
+    refused("max_depth = 1.0:", Itof(frequencies_hz=F).depth, frames, 1.0)
     refused("must be below", Itof(frequencies_hz=4e9).expected, rates)
