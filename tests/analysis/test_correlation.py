@@ -121,6 +121,14 @@ def test_error_wraps_and_is_unknown_without_truth():
     assert half.percentile_95 == pytest.approx(3.75)
 
 
+def test_depth_that_is_too_near_counts_in_the_percentile():
+    depth = np.array([[1.0, 2.1, 3.0, 1.2, 2.9]])
+    truth = np.array([[1.9, 2.0, 3.05, 1.7, 2.6]])
+    result = multipath_error(depth, truth)
+    assert result.median == pytest.approx(-0.05)
+    assert result.percentile_95 == pytest.approx(0.9 - 0.2 * (0.9 - 0.5))
+
+
 def perspective_rays(width, height, fov):
     """Return unit directions through pixel centers of a camera along -z, with x to the right."""
     x, y = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)

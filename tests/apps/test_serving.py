@@ -10,6 +10,7 @@ import urllib.request
 
 import pytest
 from bokeh.util.token import generate_jwt_token, generate_session_id
+from helpers.limits import lower
 from helpers.served import is_free, served
 from tornado.iostream import StreamClosedError
 from tornado.websocket import WebSocketClosedError
@@ -150,7 +151,7 @@ def test_what_panel_keeps_of_quick_changes_is_written(monkeypatch):
 
     written = []
     monkeypatch.setattr(page, "schedule_write_events", lambda *events: written.append(events))
-    monkeypatch.setattr(page, "WRITTEN_S", 0)
+    lower(monkeypatch, page_written_s=0)
 
     class Silent(page.App):
         _esm = "export function render() {}"

@@ -55,6 +55,22 @@ def test_agreement_of_changed_histograms():
     assert agreement(outside, measured, 0.014) == same
 
 
+def test_zones_and_poses_correlate_apart():
+    """Zone 1 is wrong in all poses, and pose 3 is wrong in all zones."""
+    random = np.random.default_rng(6)
+    measured = random.gamma(2.0, 30.0, (4, 3, 70))
+    expected = 1.3 * measured + random.gamma(2.0, 3.0, measured.shape)
+    expected[:, 1] = random.gamma(2.0, 30.0, (4, 70))
+    expected[3] = random.gamma(2.0, 30.0, (3, 70))
+    found = agreement(expected, measured, 0.014)
+    e, m = expected[..., 10:64], measured[..., 10:64]
+    by_zone = [np.corrcoef(e[:, k].ravel(), m[:, k].ravel())[0, 1] for k in range(3)]
+    by_pose = [np.corrcoef(e[k].ravel(), m[k].ravel())[0, 1] for k in range(4)]
+    assert found.zone_correlation == pytest.approx(by_zone)
+    assert found.correlation == pytest.approx(np.median(by_pose))
+    assert found.correlation_p10 == pytest.approx(np.quantile(by_pose, 0.1))
+
+
 def test_training_poses_are_a_quarter_of_all_rings():
     chosen = training_poses(128)
     assert chosen.sum() == 32

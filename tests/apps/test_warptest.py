@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 import psutil
 import pytest
+from helpers.limits import lower
 from helpers.student_warps import HOSTILE, RIGHT, WRONG, write_warps
 from helpers.support import refused
 
@@ -154,7 +155,7 @@ def test_a_module_may_write_nowhere_and_end_only_itself(tmp_path):
 
 
 def test_a_module_that_never_answers_is_ended(tmp_path, monkeypatch):
-    monkeypatch.setattr("tofrender.apps.warptest.sources.ANSWER_S", 1.0)
+    lower(monkeypatch, warp_answer_s=1.0)
     forever = "def square_to_tent(sample):\n    while True:\n        pass\n"
     forever += "\n\ndef square_to_tent_pdf(p): ...\n"
     folder, said = write_warps(tmp_path / "a", tent=forever), "no answer within 1 s; the process"

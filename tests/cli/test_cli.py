@@ -15,6 +15,7 @@ import pytest
 import typer
 from helpers.commands import COMMAND, HEAVY, ROOT, TINY, done, imported_by, refused, rest_of, run
 from helpers.films_in_parts import names
+from helpers.limits import lower
 
 import tofrender
 from tofrender.apps.warptest.engine import POINT_SETS
@@ -110,7 +111,7 @@ def test_every_command_can_hide_its_bars(monkeypatch, capsys, tmp_path):
         options = {option for each in command.params for option in each.secondary_opts}
         assert ("--no-progress" in options) == (name not in ("scenes", "doctor"))
     monkeypatch.setattr("tofrender.runtime.progress.is_watched", lambda: True)
-    monkeypatch.setattr("tofrender.runtime.progress.DELAY_S", 1e-4)
+    lower(monkeypatch, bar_delay_s=1e-4)
     for option, shown in (("--progress", True), ("--no-progress", False)):
         arguments = ["warp", "tent", "--count", "16", "--out", str(tmp_path / "a.png"), option]
         assert main(arguments) == 0

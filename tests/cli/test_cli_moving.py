@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from helpers.commands import done, refused
+from helpers.limits import lower
 
 import tofrender
 from tofrender.apps.explorer.contents import contents_of
-from tofrender.cli import moving
 from tofrender.cli.answers import SCHEMAS
 from tofrender.cli.report import load_result
 from tofrender.io.contents import is_listed
@@ -72,7 +72,7 @@ def test_fmcw_writes_film_spectra_and_estimates(tmp_path, capsys):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # Energy outside the bins
 def test_fmcw_without_a_size_chooses_one_that_fits(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(moving, "MAX_VALUES", 1 << 20)
+    lower(monkeypatch, moving_values=1 << 20)
     options = ["--spp", 1, "--bandwidth", 5e8, "--rates=-1,1", "--out", tmp_path / "a", "--json"]
     printed, said = done(capsys, "fmcw", BOX[0], *options)
     facts = json.loads(printed)
@@ -86,7 +86,7 @@ def test_fmcw_without_a_size_chooses_one_that_fits(tmp_path, capsys, monkeypatch
 @pytest.mark.filterwarnings("ignore::UserWarning")  # Energy outside the bins
 def test_fmcw_says_which_options_make_a_film_smaller(tmp_path, capsys, monkeypatch):
     """The size that the message names is accepted, and so is a narrower window."""
-    monkeypatch.setattr(moving, "MAX_VALUES", 1 << 18)
+    lower(monkeypatch, moving_values=1 << 18)
     scene = ["fmcw", "cornell_box_flash", "--spp", 1, "--bandwidth", 5e8, "--rates=-1,1"]
     said = refused(capsys, *scene, "--size", "40x30", "--out", tmp_path / "a")
     found = re.match(r"--size = 40x30: .* 262,144 .* Use --size (\d+)x(\d+) .*--window", said)

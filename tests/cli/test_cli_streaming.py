@@ -13,10 +13,10 @@ from helpers.bad_inputs import listing
 from helpers.commands import done, refused
 from helpers.films_in_parts import check_same, differences, end, in_tiles, names, render, script
 from helpers.hidden_scenes import small_capture
+from helpers.limits import lower
 
 import tofrender
 from tofrender.cli.checkpoints import AGAIN, film_path
-from tofrender.rendering import workers
 from tofrender.runtime import atomic, memory
 
 TINY = ["--size", "12x9", "--bins", "40", "--bin-width", "0.3", "--spp", "16", "--no-video"]
@@ -66,7 +66,7 @@ def out(tmp_path, monkeypatch) -> Path:
 
 def short_of_memory(monkeypatch) -> None:
     """Let the film of TINY not fit, but a tile of two rows."""
-    monkeypatch.setattr(memory, "available", lambda: memory.RESERVE + 40000)
+    lower(monkeypatch, available_memory=memory.RESERVE + 40000)
 
 
 def check(folder: Path, whole, *within: float) -> None:
@@ -148,7 +148,7 @@ def test_by_own_workers(tmp_path, whole, command, arguments, out):
 
 @pytest.mark.parametrize("command", ["render", "capture", "reconstruct"])
 def test_an_address_where_nobody_answers(capsys, monkeypatch, tmp_path, command):
-    monkeypatch.setattr(workers, "ANSWER_S", 0.3)
+    lower(monkeypatch, worker_answer_s=0.3)
     file = tofrender.save_capture(small_capture(), tmp_path / "z.h5")
     arguments = {
         "render": ["cornell_box", "--out", tmp_path / "box", *TINY],

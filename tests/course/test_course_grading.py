@@ -19,6 +19,7 @@ import numpy as np
 import psutil
 import pytest
 from helpers import tiny_assignment
+from helpers.limits import lower
 from helpers.processes import GUARD_S, wait_for
 from helpers.tiny_assignment import ADD0, RIGHT, grade_class, zipped
 
@@ -325,7 +326,7 @@ SLOW = {
 
 @pytest.mark.parametrize("set_of", [HOSTILE, SLOW])
 def test_hostile_problems_cost_themselves_only(set_of, tmp_path, home, monkeypatch):
-    monkeypatch.setattr(grading, "START_S", 90.0)  # As on a machine slower than those that grade
+    lower(monkeypatch, judge_start_s=90.0)  # As on a machine slower than those that grade
     endless = [name for name, (_, reason) in set_of.items() if reason.startswith("no answer")]
     staff = tiny_assignment.write(tmp_path / "staff", tiny_assignment.wide(set_of, endless))
     files = {}
@@ -412,7 +413,7 @@ def refused(path: Path, reason: str, patterns: tuple[str, ...] = ("*.py",)) -> N
 
 
 def test_expansion_is_counted_as_it_comes(tmp_path, monkeypatch):
-    monkeypatch.setattr(unpacking, "MAX_BYTES", 1 << 20)
+    lower(monkeypatch, unpacked_bytes=1 << 20)
     path = zipped(tmp_path / "x.zip", {"add.py": "0" * (50 << 20)})
     lying = path.read_bytes().replace((50 << 20).to_bytes(4, "little"), (9).to_bytes(4, "little"))
     refused(path, "unpacks to more than 1 MiB")
@@ -638,7 +639,7 @@ def test_dangerous_tar_archives_give_a_reason(tmp_path, monkeypatch):
     whole = tarred(tmp_path / "whole.tar.gz", {"p0.py": "x" * 100_000}, "w:gz").read_bytes()
     (tmp_path / "cut.tar.gz").write_bytes(whole[:100])
     refused(tmp_path / "cut.tar.gz", "cannot be read")
-    monkeypatch.setattr(unpacking, "MAX_BYTES", 1 << 20)
+    lower(monkeypatch, unpacked_bytes=1 << 20)
     for ending, mode in ((".tar.gz", "w:gz"), (".tar.bz2", "w:bz2"), (".tar.xz", "w:xz")):
         bomb = tarred(tmp_path / f"bomb{ending}", {"p0.py": "0" * (20 << 20)}, mode)
         refused(bomb, "unpacks to more than 1 MiB")

@@ -19,6 +19,7 @@ import psutil
 import pytest
 from helpers import hostile, tiny_assignment
 from helpers.course_assignment import PULSE, write, write_submission
+from helpers.limits import lower
 from helpers.processes import GUARD_S, wait_for
 from helpers.tiny_assignment import ADD0, rows
 
@@ -228,7 +229,7 @@ def test_wire_reads_no_bombs_links_pipes_and_no_other_types(tmp_path):
 
 
 def test_report_is_read_in_parts_only(tmp_path, monkeypatch):
-    monkeypatch.setattr("tofrender.course.judge.running.MAX_REPORT", 1000)
+    lower(monkeypatch, judge_report_bytes=1000)
     line = {"id": "x", "case": "", "outcome": "passed", "text": "", "share": 1.0, "seconds": 0.1}
     (tmp_path / "lines").write_text((json.dumps(line) + "\n") * 100)
     assert 0 < len(read_report(tmp_path / "lines")) < 100
@@ -531,14 +532,14 @@ def test_failure_on_a_full_disk_is_not_the_submissions(tmp_path, monkeypatch):
     with closing(Worker(write(tmp_path / "a0").folder, submission)) as asked:
         with pytest.raises(NoAnswer):
             asked.ask("density", arguments, GUARD_S)
-        monkeypatch.setattr(processes, "LEAST_FILES", 1 << 60)
+        lower(monkeypatch, judge_least_files=1 << 60)
         with pytest.raises(processes.MachineFailure, match="inodes"):
             asked.ask("density", arguments, GUARD_S)
 
 
 def test_disk_that_fills_up_is_seen(tmp_path, monkeypatch):
     """Files that others write on the same disk do not count."""
-    monkeypatch.setattr(processes, "MAX_WRITTEN", 1 << 20)
+    lower(monkeypatch, judge_written_bytes=1 << 20)
     started = processes.Supervised(["sleep", "999"], cwd=tmp_path, env=dict(os.environ))
     disk = SimpleNamespace(free=1 << 30)
     monkeypatch.setattr(processes.shutil, "disk_usage", lambda _: disk)

@@ -13,6 +13,7 @@ import numpy as np
 import psutil
 import pytest
 from helpers.course_assignment import PULSE, RANGE, RUBRIC, changed, write, write_submission
+from helpers.limits import lower
 from helpers.processes import GUARD_S, wait_for
 from helpers.support import refused
 
@@ -170,7 +171,7 @@ def test_questions_do_not_fill_the_disk(assignment, tmp_path, monkeypatch):
     with closing(Worker(assignment, write_submission(tmp_path / "right"))) as asked:
         first = asked.ask("density", question, GUARD_S)
         running = asked._running
-        monkeypatch.setattr(processes, "MAX_WRITTEN", 4 << 20)
+        lower(monkeypatch, judge_written_bytes=4 << 20)
         monkeypatch.setattr(processes.shutil, "disk_usage", lambda _: disk)
         assert running.excess(None, asked._folder) == ""
         for _ in range(5):
@@ -286,6 +287,14 @@ def test_exact_comparisons():
     fails(expect.true, False, says="what")
 
 
+def test_each_element_has_a_tolerance_of_its_own():
+    """A small element next to a large one must be as precise, relative to itself."""
+    expect.close([[50.004, 0.00100005]], [[50.0, 0.001]], "x")
+    for came in ([[50.0, 0.003]], [[50.0, 0.0010002]], [[50.02, 0.001]]):
+        fails(expect.close, came, [[50.0, 0.001]])
+    expect.close([[50.0, 0.003]], [[50.0, 0.001]], "x", atol=0.0021)
+
+
 def fails(compare, *arguments, says: str | None = None, **options) -> expect.Failure:
     """Return the failure of a comparison that must fail with this text."""
     with pytest.raises(expect.Failure, match=says and re.escape(says)) as failure:
@@ -310,7 +319,7 @@ def test_time_limits_grow_on_a_slow_machine(monkeypatch):
     speed.slowness.cache_clear()
     assert speed.slowness() >= 1
     for nominal_s, expected in ((1e9, 1.0), (1e-9, speed.MOST)):
-        monkeypatch.setattr(speed, "NOMINAL_S", nominal_s)
+        lower(monkeypatch, judge_nominal_s=nominal_s)
         speed.slowness.cache_clear()
         assert speed.slowness() == expected
     speed.slowness.cache_clear()
@@ -399,7 +408,7 @@ def test_false_alarms_are_as_rare_as_stated(monkeypatch):
     expect.configure(comparisons=1)
     rng = np.random.default_rng(11)
     passed = 0
-    monkeypatch.setattr(expect, "ALPHA", 1e-2)
+    lower(monkeypatch, judge_alpha=1e-2)
     for _ in range(1000):
         with suppress(expect.Failure):
             expect.estimate(rng.normal(size=(16, 5)), 0, "mean")

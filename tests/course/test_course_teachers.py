@@ -443,6 +443,19 @@ def test_a_page_says_a_missing_file_and_a_day_once(tmp_path):
     assert "The submission was 1 day late: 0.4 points are deducted." in page
 
 
+def test_points_of_the_sheet_replace_points_of_the_tests():
+    problems = tuple(
+        Problem(f"a0.{name}", name, (GradedTest(f"test_{name}.py::test_it", 5),), file="a.py")
+        for name in "abc"
+    )
+    toys = Rubric("a0", "Toys", problems, late=Late(0, 0.1))
+    content = {"extra_data": {"problems": {"a0.a": 5.0, "a0.b": 4.0, "a0.c": 3.0}, "summary": ""}}
+    marks = Marks({"a0.a": 0.0, "a0.b": 1.5}, late_days=2)
+    standing = roster.Standing(toys, Member("ada", None), content, marks)
+    assert [standing.points(problem) for problem in problems] == [0.0, 1.5, 3.0]
+    assert (standing.before, standing.lost) == (4.5, 0.9)
+
+
 def test_overview_lists_all_mutants_that_fail_the_same_tests(staff):
     problem = staff.rubric.problems[0]
     known = mutants.read(staff)

@@ -255,7 +255,7 @@ def test_captures_are_those_of_capture(tmp_path, mode):
     expected = tofrender.capture(
         scene, mode=mode, spp=16, seed=about["render_seed"], progress=False
     )
-    with pytest.raises(ValueError, match=r"record = \[0, 1\]: must be one of the coord"):
+    with pytest.raises(ValueError, match=r"record = \[0, 1\]:"):
         datasets.capture_of(found, [0, 1])
     one = datasets.capture_of(found, 1)
     assert set(one.data_vars) == set(expected.data_vars)
@@ -572,7 +572,7 @@ def test_a_record_without_a_steady_picture_has_the_sum_of_its_bins(tmp_path):
 
 
 def test_records_that_are_no_render(made, tmp_path):
-    with refused("record = 7: must be one of the coordinate record"):
+    with refused("record = 7:"):
         datasets.render_of(made[0], 7)
     steady = make(CONFIG | {"records": 1, "outputs": {"steady": True}}, tmp_path / "a.zarr")
     with refused("dataset has no transients; make it with outputs.transient = true"):

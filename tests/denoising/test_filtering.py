@@ -6,11 +6,12 @@ these away where the filter should do nothing, more elsewhere; the seeds are fix
 
 import numpy as np
 import pytest
+from helpers.limits import lower
 from helpers.support import refused
 from scipy.ndimage import minimum_filter
 
 import tofrender
-from tofrender.denoising import denoise_film, filtering, kernels
+from tofrender.denoising import denoise_film, kernels
 
 SHAPE = (24, 24, 32, 3)
 Y, X = np.mgrid[:24, :24]
@@ -73,7 +74,7 @@ def test_noise_shrinks_and_harm_is_bounded(name):
 @pytest.mark.statistical
 def test_too_much_smoothing_is_found(monkeypatch):
     """The bug planted: residuals are removed whatever they are."""
-    monkeypatch.setattr(filtering, "MARGIN", 0.0)
+    lower(monkeypatch, denoising_margin=0.0)
     for name in ("spike", "checkerboard", "moving edge"):
         assert error(FILMS[name][0], 1) > 1.4 * FILMS[name][1]
 

@@ -22,7 +22,6 @@ from helpers.support import agree, over_seeds, scene
 from oracles import gradients as forms
 
 import tofrender
-from tofrender.paths.scattering import Choices
 
 T = mi.ScalarTransform4f
 LIGHT = 3.0
@@ -175,18 +174,6 @@ def test_forward_and_reverse_are_the_closed_form(name):
     dr.backward(dr.sum(transient.array) / transient.shape[3])
     assert found == pytest.approx(case.expected(), rel=ONE_PERCENT)
     assert dr.grad(theta)[0] == pytest.approx(found, rel=1e-3)
-
-
-@pytest.mark.parametrize("name", ["blend of mirrors", "pane", "mask of a mirror"])
-def test_choices_whose_chance_counts_once_too_little_or_too_much(name, monkeypatch):
-    case, right = CASES[name], Choices.change
-
-    def wrong(self: Choices, bsdf: Any, pdf: Any, specular: Any) -> Any:
-        return 1 / right(Choices(mi.load_dict({"type": "scene"})), bsdf, pdf, specular)
-
-    nothing = name != "mask of a mirror"
-    monkeypatch.setattr(Choices, "change", (lambda *_: 1) if nothing else wrong)
-    assert forward(case)[1] != pytest.approx(case.expected(), rel=0.1)
 
 
 MIXED = {

@@ -25,6 +25,7 @@ from helpers.gradient_of import (
     reverse,
     tracked,
 )
+from helpers.limits import lower
 from helpers.support import agree, over_seeds, with_film
 from oracles.gradients import Bins, Phasor, derived
 
@@ -128,8 +129,8 @@ def test_lamps_that_paths_run_into(case):
 def test_steps_add_up(name, monkeypatch):
     case = getattr(cases, name)
     whole, expected = forward(case, seed=3), case.expected()[1]
-    for step in ("STEP_SAMPLES", "FIRST_SAMPLES"):
-        monkeypatch.setattr(passes, step, case.spp // 8)
+    samples = case.spp // 8
+    lower(monkeypatch, step_samples=samples, first_samples=samples)
     found = forward(case, seed=3)
     for what, weights in case.weights().items():
         value = float(weights @ expected)
@@ -168,8 +169,7 @@ def test_larger_passes_of_a_gpu_have_the_same_derivative(monkeypatch):
             super().__init__(**named)
 
     monkeypatch.setattr(derivatives, "Rays", Counted)
-    monkeypatch.setattr(derivatives, "PASS_SAMPLES", 16)
-    monkeypatch.setattr(passes, "CUDA_STEP", 4)
+    lower(monkeypatch, gradient_samples=16, cuda_step=4)
     weights = cases.PLANE.weights()["moment"]
     on_cpu = reverse(cases.PLANE, weights, spp=64, seed=5)
     assert sizes == [16] * 4
@@ -178,6 +178,25 @@ def test_larger_passes_of_a_gpu_have_the_same_derivative(monkeypatch):
     on_gpu = reverse(cases.PLANE, weights, spp=64, seed=5)
     assert sizes == [64]
     assert on_gpu == pytest.approx(on_cpu, rel=1e-5)
+
+
+@pytest.mark.essential
+def test_a_loss_of_one_channel_changes_this_channel():
+    """Light of a single bounce is proportional to the reflectance of its channel."""
+    loaded = cases.PLANE.load()
+    parameters = mi.traverse(loaded)
+    reflectance = mi.Color3f(0.2, 0.5, 0.8)
+    dr.enable_grad(reflectance)
+    parameters["floor.bsdf.reflectance.value"] = reflectance
+    parameters.update()
+    transient = mi.render(loaded, parameters, spp=64, seed=5)[-1]
+
+    # The loss is 2 G + 3 B
+    light = np.array(transient).sum(axis=(0, 1, 2))
+    weights = mi.Float(np.tile([0.0, 2.0, 3.0], transient.array.shape[0] // 3))
+    dr.backward(dr.sum(transient.array * weights))
+    expected = np.array([0.0, 2.0, 3.0]) * light / np.array([0.2, 0.5, 0.8])
+    assert np.ravel(dr.grad(reflectance)) == pytest.approx(expected, rel=HALF_PERCENT, abs=1e-6)
 
 
 def test_samples_for_derivatives_alone():

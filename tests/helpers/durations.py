@@ -1,4 +1,9 @@
-"""Processor time of each test: measured, stored in `tests/durations.json`, and watched in CI."""
+"""Processor time of each test: measured, stored in `tests/durations.json`, and watched in CI.
+
+pytest's own `--durations` and the file of pytest-split measure by the clock, which varies by a
+factor on a busy machine, and do not include child processes that run at the same time. They also
+have no separate time for fixtures that several tests share. See `selection` for their use.
+"""
 
 import json
 import os

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 import tofrender
-from tofrender.integrators import passes
-from tofrender.rendering import tiling, work_items
+from helpers.limits import lower
+from tofrender.rendering import work_items
 
 ROOT = Path(__file__).parents[2]
 ROUNDING = 1e-5  # What adding in another order may change, relative to the brightest value
@@ -36,18 +36,14 @@ def crop(x: int, y: int, width: int, height: int) -> dict:
 def in_tiles(monkeypatch: Any, rows: float, *, columns: int = 12, bins: int = 40) -> None:
     """Let tiles have at most so many rows of a film, by the memory that they may take."""
     size = int(rows * tofrender.runtime.memory.film_bytes(1, columns, bins, 3))
-    monkeypatch.setattr(tiling, "TILE_BYTES", size)
+    lower(monkeypatch, tile_bytes=size)
 
 
 def in_small_steps(patch: Any, pixels: int = 2 * 12) -> None:
     """Let tiles of so many pixels take two samples in each of them in a step."""
-    for name, value in {
-        "STEP_SAMPLES": 2 * pixels,
-        "FIRST_SAMPLES": 2 * pixels,
-        "LANES": {"llvm": 2 * pixels, "cuda": 2 * pixels},
-        "PRIVATE_LANES": 1,
-    }.items():
-        patch.setattr(passes, name, value)
+    samples = 2 * pixels
+    lanes = {"llvm": samples, "cuda": samples}
+    lower(patch, step_samples=samples, first_samples=samples, lanes=lanes, private_lanes=1)
 
 
 def watch_steps(patch: Any, look: Callable[[int], object]) -> None:

@@ -11,10 +11,9 @@ import numpy as np
 import xarray as xr
 from dask.core import flatten
 
-from tofrender.rendering import cubes
+from helpers.limits import lower
 from tofrender.rendering.job import WorkItem, WorkResult
 from tofrender.rendering.store import StoredFilm, load_zarr, under_way
-from tofrender.runtime import memory
 
 
 @contextmanager
@@ -32,9 +31,12 @@ def at_most(size: int, monkeypatch: Any, free: int | None = None) -> Iterator[li
         return found
 
     with monkeypatch.context() as patch, dask.config.set(scheduler=get):
-        patch.setattr(cubes, "PIECE_BYTES", size)
-        patch.setattr(cubes, "SHARE", 1 if free is None else free // size)
-        patch.setattr(memory, "free_on_host", lambda: size if free is None else free)
+        lower(
+            patch,
+            piece_bytes=size,
+            memory_share=1 if free is None else free // size,
+            free_memory=size if free is None else free,
+        )
         yield sizes
 
 

@@ -2,6 +2,19 @@
 
 With `--changed COMMIT`, `make test` also runs the whole tests of the packages that changed since
 that commit, and of the packages that import them, or a part of these tests, see WHOLE_S.
+
+No plugin of pytest replaces this module:
+
+- pytest-split divides the collected cases into groups of equal duration, as `--shard` does. It
+  stores a duration for each of the thousands of cases instead of each test function, measured by
+  the clock, which varies on a busy machine. Its groups cut files apart, so that two groups compute
+  the same module fixtures. It cannot choose a part of the cases within a time, as `--brief` does.
+- pytest-testmon selects the tests that executed a changed line. This requires the coverage database
+  of a run of all tests, which takes over an hour and must be kept from run to run.
+- pytest-impacted selects the tests that import a changed module. Nearly all tests import
+  `tofrender`, which loads its modules on demand, so imports do not distinguish tests. `--changed`
+  uses the packages of the import contract instead.
+- pytest-xdist distributes tests over processes. Its groups do not select tests.
 """
 
 import math

@@ -19,6 +19,7 @@ from helpers import measured_files
 from helpers.bad_inputs import OTHER_FILES, listing, one_clear_line
 from helpers.hidden_scenes import Wall, capture_of, rectangle
 from helpers.limited import write_film
+from helpers.limits import lower
 from helpers.made_dataset import make_dataset
 from hypothesis import HealthCheck, given, settings, strategies as st
 
@@ -27,7 +28,6 @@ from tofrender import io
 from tofrender.io import exr
 from tofrender.io.files import _LENGTH as SEAL
 from tofrender.io.netcdf import load_measurement, save_measurement
-from tofrender.runtime import memory
 from tofrender.runtime.versions import versions
 
 
@@ -408,7 +408,7 @@ def test_stacks_that_do_not_fit_into_memory(tmp_path, monkeypatch):
     stack = io.save_exr_stack(picture(), tmp_path / "s", progress=False)
     archive = io.save_npz(picture(), tmp_path / "a.npz")
     capture = io.save_capture(captured(), tmp_path / "a.h5")
-    monkeypatch.setattr(memory, "free_on_host", lambda: 10)
+    lower(monkeypatch, free_memory=10)
     for suffix, path in (("exr", stack), ("npz", archive), ("h5", capture)):
         with pytest.raises(MemoryError, match=r"GiB, must be at most 0\.0 GiB") as error:
             READERS[suffix](path)

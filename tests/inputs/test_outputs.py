@@ -12,13 +12,13 @@ import pytest
 import xarray as xr
 from helpers.bad_inputs import listing, one_clear_line
 from helpers.hidden_scenes import small_capture as captured
+from helpers.limits import lower
 from helpers.made_dataset import make_dataset
 from helpers.refusals import refused
 
 import tofrender
 from tofrender import io, report
 from tofrender.cli.app import main
-from tofrender.runtime import memory
 
 if sys.platform != "linux":
     pytest.skip("the places are Linux's", allow_module_level=True)
@@ -208,7 +208,7 @@ def test_a_source_is_not_replaced_by_what_is_made_of_it(tmp_path, capsys, kind, 
 )
 def test_captures_that_do_not_fit_into_memory(monkeypatch, mode, grid, fits):
     free = 1000 if mode == "single" else 8 << 30
-    monkeypatch.setattr(memory, "free_on_host", lambda: free)
+    lower(monkeypatch, free_memory=free)
     with pytest.raises(MemoryError, match=rf"^grid of {grid[0]} x .*{fits} .*would fit$") as error:
         tofrender.capture("nlos_plane", mode=mode, grid=grid, spp=1, progress=False)
     assert not one_clear_line(error.value, "grid")

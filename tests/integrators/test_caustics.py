@@ -6,6 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.gallery import SCENES as GALLERY
+from helpers.limits import lower
 from helpers.parts import area_light, diffuse, plane, rotate, translate
 from helpers.support import (
     agree,
@@ -29,9 +30,8 @@ from tofrender.integrators.extra_rays import DeltaChains
 from tofrender.integrators.passes import WHOLE, best_sampler, steps
 from tofrender.integrators.plan import Plan, Techniques
 from tofrender.paths.camera import Tile
-from tofrender.paths.caustic_rays import CausticRays
 from tofrender.paths.endpoints import EmitterHits
-from tofrender.paths.guiding import BINS, GuidedMaterials
+from tofrender.paths.guiding import BINS
 from tofrender.paths.kinds import Kind
 from tofrender.scenes import cornell_box, cornell_box_fog, cornell_box_glass, cornell_box_mirror
 
@@ -134,7 +134,7 @@ SCENES: dict[str, Callable[[], dict]] = {
 @pytest.fixture(autouse=True)
 def _in_small_films(monkeypatch):
     """Use the techniques in films that are too small for them to pay."""
-    monkeypatch.setattr(passes, "FEW_PATHS", 0)
+    lower(monkeypatch, few_paths=0)
 
 
 class OneKind:
@@ -285,32 +285,6 @@ def test_photons_aimed_and_not_aimed(name):
     assert aimed.var(axis=0).sum() < not_aimed.var(axis=0).sum() / 2
 
 
-def left_to_paths(monkeypatch) -> None:
-    """A technique's kind of paths stays with the main paths, and counts twice."""
-    monkeypatch.setattr(Plan, "without", lambda self, *kinds: self)
-
-
-def not_rendered(monkeypatch) -> None:
-    """Photons leave no light behind, and no other technique renders it."""
-    monkeypatch.setattr(passes._PhotonPass, "sample", lambda self, count: None)
-
-
-def without_density(monkeypatch) -> None:
-    right = EmissionTable.sample
-    monkeypatch.setattr(EmissionTable, "sample", lambda *args: (*right(*args)[:-1], mi.Float(1)))
-
-
-def half_the_rays(monkeypatch) -> None:
-    """Weights of caustic rays are divided by too small a number."""
-    right = CausticRays._start
-    monkeypatch.setattr(
-        CausticRays, "_start", lambda self, *args: right(self, *args[:3], args[3] // 2, args[4])
-    )
-
-
-MISTAKES = left_to_paths, not_rendered, without_density, half_the_rays
-
-
 def floor_by_mirror(technique: str | None, seeds=SEEDS, spp: int = 512) -> np.ndarray:
     """Radiance of the floor of `by_mirror` by one technique, shape (seeds, 1)."""
     used = OFF if technique is None else OFF | {technique: True}
@@ -329,56 +303,6 @@ def test_light_by_a_mirror(technique):
     _, transient = rendered(by_mirror(**(OFF | {technique: True})), 512)
     bins = np.flatnonzero(transient[0, 0, :, 0])
     assert [4 + 0.01 * bins[0], 4.01 + 0.01 * bins[-1]] == pytest.approx(arrivals, abs=0.03)
-
-
-@pytest.mark.statistical
-@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda each: each.__name__)
-def test_mistakes_are_found(mistake, monkeypatch):
-    mistake(monkeypatch)
-    found = floor_by_mirror("caustic_rays" if mistake is half_the_rays else "caustic_photons")
-    expected = np.full_like(found[:2], of_mirror()[0])
-    assert not agree(found, expected, rounding=1e-3)
-
-
-@pytest.mark.statistical
-def test_photons_of_smooth_lobes_are_found(monkeypatch):
-    """Photons that a smooth lobe scatters first are of another kind."""
-    right = CausticPhotons.__init__
-
-    def wrong(self, *args, **named):
-        right(self, *args, **named)
-        self.delta_lobes = self.all_lobes
-
-    expected = seen(without_techniques(SCENES["plastic"]()), OTHER_SEEDS, 2048)
-    monkeypatch.setattr(CausticPhotons, "__init__", wrong)
-    found = seen(with_integrator(SCENES["plastic"](), caustic_rays=False), SEEDS, 2048)
-    assert not agree(found, expected, rounding=1e-4)
-
-
-@pytest.mark.statistical
-@pytest.mark.parametrize("mistake", ["density", "direction", "table"])
-def test_mistakes_of_guiding_are_found(mistake, monkeypatch):
-    """The BSDF's density for the mixture's, directions a bin off, and weights without density."""
-    right = GuidedMaterials._direction
-    if mistake == "density":
-        monkeypatch.setattr(GuidedMaterials, "_mixture", lambda self, row, ω, pdf: pdf)
-    elif mistake == "direction":
-        turned = mi.ScalarTransform4f().rotate([1, 0, 0], 15)
-        monkeypatch.setattr(
-            GuidedMaterials,
-            "_direction",
-            lambda *args: mi.Transform4f(turned.matrix) @ right(*args),
-        )
-    else:
-        tables = GuidedMaterials.__init__
-
-        def wrong(self, materials, table):
-            tables(self, materials, table)
-            self.pdfs = 1.3 * self.pdfs
-
-        monkeypatch.setattr(GuidedMaterials, "__init__", wrong)
-    found = floor_by_mirror("caustic_rays")
-    assert not agree(found, np.full_like(found[:2], of_mirror()[0]), rounding=1e-3)
 
 
 @pytest.mark.statistical
@@ -491,7 +415,7 @@ def test_photons_of_a_mirror():
 
 
 def test_small_films_have_no_pilots(monkeypatch):
-    monkeypatch.setattr(passes, "FEW_PATHS", 6 * 4)
+    lower(monkeypatch, few_paths=6 * 4)
     tried = []
     monkeypatch.setattr(Caustics, "of", classmethod(lambda cls, *_: tried.append(1) or cls(_[0])))
     loaded = load(with_film(by_mirror(), width=3, height=2))

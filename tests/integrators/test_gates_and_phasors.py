@@ -8,6 +8,7 @@ from functools import partial
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.limits import lower
 from helpers.parts import diffuse, gray, plane, point_light, rotate, translate
 from helpers.support import camera, film, load, refused, scene, with_integrator
 
@@ -54,6 +55,17 @@ def test_one_path_through_a_gate():
         image = tofrender.render_at_time(loaded, gated(), loaded.sensors()[0], opl + offset, spp=4)
         expected = radiance * PEAK * math.exp(-0.5 * (offset / 0.1) ** 2)
         assert image[0, 0] == pytest.approx([expected] * 3, rel=2e-4), offset
+
+
+@pytest.mark.parametrize(("start", "target"), [(-3.0, 1.8), (0.5, 5.3)])
+def test_gates_of_pulses_that_begin_away_from_0(start, target):
+    """The gate sees L p(t - opl). The pulse rises before or after its 0."""
+    loaded, opl, radiance = one_path(color=(0.3, 0.6, 1.0))
+    integrator = gated()
+    integrator.pulse = SampledPulse([1.0, 2.0, 5.0], start_opl=start, bin_width_opl=0.9)
+    image = tofrender.render_at_time(loaded, integrator, loaded.sensors()[0], target, spp=4)
+    density = np.array([1.0, 2.0, 5.0])[int((target - opl - start) / 0.9)] / (8 * 0.9)
+    assert image[0, 0] == pytest.approx(radiance * density * np.array([0.3, 0.6, 1.0]), rel=1e-4)
 
 
 def test_all_gates_are_one_trace():
@@ -116,8 +128,8 @@ def test_the_call_of_the_text():
     [
         ({"temporal_bins": 3, "start_opl": 0.0}, "start_opl': 0.0}: bin_width_opl is missing"),
         (GATES | {"bins": 3}, "film_config key = 'bins': "),
-        (GATES | {"temporal_bins": 0}, "temporal_bins = 0: must be an integer from 1"),
-        (GATES | {"bin_width_opl": math.nan}, "bin_width_opl = nan: must be"),
+        (GATES | {"temporal_bins": 0}, "temporal_bins = 0:"),
+        (GATES | {"bin_width_opl": math.nan}, "bin_width_opl = nan:"),
     ],
 )
 def test_bad_film_config(config, text):
@@ -133,9 +145,9 @@ def test_what_cannot_be_measured_is_refused_in_a_line():
     correlating = mi.load_dict({"type": "amcw_transient_path"}, parallel=False)
     one = tofrender.render_single_amcw
     refused("modulation is None. Set a modulation", one, loaded, correlating, sensor, 4)
-    refused("modulation = 3: must be a modulation", correlating.set_modulation, 3)
+    refused("modulation = 3:", correlating.set_modulation, 3)
     correlating.set_modulation(AMCWPulse(2e7))
-    bad_film = "film = TransientHDRFilm: must be hdrfilm or phasor_hdr_film"
+    bad_film = "film = TransientHDRFilm:"
     refused(bad_film, correlating.render, loaded, spp=1)
     for plugin in ("amcw_transient_path", "time_gated_transient_path"):
         text = "cannot render in time; must be one of transient_path"
@@ -278,7 +290,7 @@ def test_phasors_at_many_frequencies():
 
 def test_memory_limits_the_number_of_frequencies(monkeypatch):
     """The image of 32 x 24 pixels with 100 frequencies takes 1.8 MB, and the work 9 times that."""
-    monkeypatch.setattr(memory, "available", lambda: memory.RESERVE + 10_000_000)
+    lower(monkeypatch, available_memory=memory.RESERVE + 10_000_000)
     loaded = box(height=24)
     given = loaded, loaded.sensors()[0], [1e6 * k for k in range(1, 101)], 1
     text = "film of 32 x 24 pixels x 100 frequencies: takes"
@@ -304,6 +316,20 @@ def test_film_of_phasors_under_mitsubas_render():
         np.testing.assert_allclose(values, part, rtol=1e-4, atol=1e-5)
     # Phasors at low frequency are as bright as the steady image
     assert np.abs(np.hypot(*parts)[0]).max() <= np.array(steady).max() * (1 + 1e-5)
+
+
+def test_phasors_of_a_film_count_from_its_start():
+    """A path of length L has the phasor E exp(2 pi i f (L - start) / c)."""
+    loaded, opl, radiance = one_path(color=(1.0, 0.5, 0.2))
+    phasor_film = {"type": "phasor_hdr_film", "width": 2, "height": 3}
+    phasor_film |= {"start_opl": 1.3, "frequencies_hz": "20e6, 70e6"}
+    sensor = mi.load_dict(camera((0, 0, 2.0), (0, 0, 0), phasor_film, fov=1e-3))
+    phasors = np.array(mi.render(loaded, sensor=sensor, spp=4)[1])
+    for index, frequency in enumerate([20e6, 70e6]):
+        wave = np.exp(2j * math.pi * frequency * (opl - 1.3) / C)
+        expected = radiance * np.array([1.0, 0.5, 0.2]) * wave
+        found = phasors[2, 1, index, 0] + 1j * phasors[2, 1, index, 1]
+        assert found == pytest.approx(expected, rel=1e-3)
 
 
 def test_film_of_phasors_in_mono_has_mitransients_shape():

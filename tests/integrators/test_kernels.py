@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import drjit as dr
 import mitsuba as mi
 import pytest
+from helpers.limits import lower
 
 import tofrender
 from tofrender.integrators import passes
@@ -43,9 +44,12 @@ SCENES = {
 
 @pytest.mark.parametrize("name", SCENES)
 def test_each_step_has_one_large_kernel(name, monkeypatch):
-    monkeypatch.setattr(passes, "FIRST_SAMPLES", 1 << 9)
-    monkeypatch.setattr(passes, "STEP_SAMPLES", 1 << 9)
-    monkeypatch.setattr(passes, "LANES", {"llvm": 1 << 8, "cuda": 1 << 8})
+    lower(
+        monkeypatch,
+        first_samples=1 << 9,
+        step_samples=1 << 9,
+        lanes={"llvm": 1 << 8, "cuda": 1 << 8},
+    )
     scene, steps = SCENES[name](), []
     take_step = passes._step
 
@@ -78,9 +82,7 @@ def test_a_step_on_a_gpu_adds_no_more_than_single_precision_can(monkeypatch):
 )
 def test_steps_fill_their_time(lane_sample_s, taken, monkeypatch):
     """By a clock that knows what a sample takes; the first step, which compiles, stays as it is."""
-    monkeypatch.setattr(passes, "STEP_S", 1.0)
-    monkeypatch.setattr(passes, "FIRST_SAMPLES", 2 * 64 * 64)
-    monkeypatch.setattr(passes, "LANES", {"llvm": 64 * 64})
+    lower(monkeypatch, step_s=1.0, first_samples=2 * 64 * 64, lanes={"llvm": 64 * 64})
     now, steps, take_step = [0.0], [], passes._step
 
     def counted(pixels, pixel, count, *more):

@@ -481,4 +481,4 @@ def test_shares_of_two_strategies(end):
 def test_an_end_of_two_strategies_must_be_known():
     props = mi.Properties()
     props["end"] = "middle"
-    refused("end = 'middle': must be one of", TransientTwoStrategies, props)
+    refused("end = 'middle':", TransientTwoStrategies, props)

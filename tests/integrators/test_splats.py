@@ -22,12 +22,22 @@ from helpers.light_paths import (
     spot,
     through,
 )
+from helpers.limits import lower
 from helpers.parts import area_light, diffuse, plane, translate
-from helpers.support import agree, load, over_seeds, rendered, with_film, with_sampler
+from helpers.support import (
+    agree,
+    camera,
+    film,
+    load,
+    over_seeds,
+    rendered,
+    scene,
+    with_film,
+    with_sampler,
+)
 from oracles.light_paths import View, window_area
 
 import tofrender
-from tofrender.integrators import passes
 from tofrender.runtime.settings import SAMPLERS
 
 CUTOFF = 20.0
@@ -103,6 +113,21 @@ def test_every_sampler(sampler):
         assert has_all(*rendered(loaded, spp))
 
 
+@pytest.mark.parametrize("size", [(9, 4), (3, 8)])
+def test_filters_keep_the_brightness_at_all_edges(size):
+    """A lamp of radiance 2 fills the view. All rows and columns have the same radiance."""
+    width, height = size
+    lamp = plane(translate(0, 0, -1), size=0.7, emitter=area_light(2.0), bsdf=diffuse(0))
+    the_film = film(width=width, height=height, bins=1, bin_width=8.0)
+    the_film["rfilter"] = {"type": "gaussian"}
+    view = camera((0, 0, 0), (0, 0, -1), the_film, up=(0, 1, 0), fov=60, fov_axis="larger")
+    tracer = {"type": LIGHT_TRACER, "temporal_filter": "box"}
+    steady, transient = rendered(scene({"lamp": lamp}, view, **tracer), 4096)
+    for picture in (steady, transient[:, :, 0]):
+        assert picture.mean(axis=(0, 2)) == pytest.approx(np.full(width, 2.0), rel=0.05)
+        assert picture.mean(axis=(1, 2)) == pytest.approx(np.full(height, 2.0), rel=0.05)
+
+
 def test_a_million_paths_in_one_pixel_are_not_low():
     """Added to one number in single precision, they lose 0.4 %."""
     assert has_all(*rendered(under_the_spot(width=1), spp=1 << 20))
@@ -110,8 +135,7 @@ def test_a_million_paths_in_one_pixel_are_not_low():
 
 def test_many_steps(monkeypatch):
     """Each adds its splats; so does what is put aside after many samples."""
-    monkeypatch.setattr(passes, "STEP_SAMPLES", 64 * 100)
-    monkeypatch.setattr(passes, "MAX_ADDED", 256)
+    lower(monkeypatch, step_samples=64 * 100, max_added=256)
     assert has_all(*rendered(under_the_spot(), spp=1000))
 
 
@@ -223,7 +247,7 @@ def test_a_film_that_is_partly_finished_contains_them(technique, size, monkeypat
         return channels
 
     described = under_the_spot(technique, size)
-    monkeypatch.setattr(passes, "STEP_SAMPLES", PATHS)
+    lower(monkeypatch, step_samples=PATHS)
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", interrupted)
     with pytest.warns(UserWarning, match="interrupted: returning"):
         part = tofrender.render(described, spp=(1 << 24) // size**2, progress=False)

@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.limits import lower
 from helpers.parts import area_light, diffuse, plane, rotate, translate
 from helpers.support import (
     agree,
@@ -22,9 +23,8 @@ from helpers.support import (
 
 import tofrender
 from tofrender.bidirectional.lens import Lens
-from tofrender.integrators import extra_rays, passes
+from tofrender.integrators import passes
 from tofrender.integrators.extra_rays import VisibleEmitters
-from tofrender.integrators.plan import Plan
 
 SEEDS, OTHER_SEEDS = range(16), range(1000, 1016)
 SPP = 64
@@ -126,33 +126,6 @@ def test_the_same_light(name, monkeypatch):
     assert agree(found, expected, rounding=1e-4)
 
 
-def shifted(right: Callable) -> Callable:
-    return lambda *arguments: right(*arguments) + 2
-
-
-@pytest.mark.statistical
-@pytest.mark.parametrize("mistake", ["pixels", "twice", "weight"])
-def test_mistakes_are_found(mistake, monkeypatch):
-    """Pixels that miss part of the lamp, light that counts twice, and rays that weigh too much."""
-    if mistake == "pixels":
-        monkeypatch.setattr(extra_rays, "pixels_of", shifted(extra_rays.pixels_of))
-    elif mistake == "twice":
-        monkeypatch.setattr(Plan, "without", lambda self, *kinds: self)
-    else:
-        trace = VisibleEmitters.trace
-
-        def wrong(self, *args, **options):
-            measured, path = trace(self, *args, **options)
-            measured.total *= 1.3
-            return measured, path
-
-        monkeypatch.setattr(VisibleEmitters, "trace", wrong)
-    found = seen(SCENES["disk"](), SEEDS)
-    monkeypatch.undo()
-    all_in_one(monkeypatch)
-    assert not agree(found, seen(SCENES["disk"](), OTHER_SEEDS), rounding=1e-4)
-
-
 def test_there_is_less_noise(monkeypatch):
     described = SCENES["disk"]()
     rate = found_apart(described).rate
@@ -191,7 +164,7 @@ def test_many_rays_are_folded(monkeypatch):
     """Rays that are added in several kernels are all there, as many as in one."""
     loaded = load(SCENES["disk"]())
     whole = rendered(loaded, SPP)
-    monkeypatch.setattr(passes, "MAX_ADDED", 256)
+    lower(monkeypatch, max_added=256)
     parts = rendered(loaded, SPP)
     for a, b in zip(parts, whole, strict=True):
         assert largest(a, b) < 1e-5
@@ -211,7 +184,7 @@ def test_lanes_that_share_a_ray_take_the_same_samples(monkeypatch, added):
 
     take_step = passes._step
     monkeypatch.setattr(passes, "_step", step)
-    monkeypatch.setattr(passes, "MAX_ADDED", added)
+    lower(monkeypatch, max_added=added)
     alone = rendered(loaded, SPP)
     few, lanes[:] = lanes[:], []
     monkeypatch.setattr(passes, "_shared_by", lambda rays, lanes, most: 2)
@@ -226,7 +199,7 @@ def test_lanes_that_share_a_ray_take_the_same_samples(monkeypatch, added):
 def test_how_many_lanes_share_a_ray(monkeypatch):
     assert passes._shared_by(2000, lanes=16, most=2048) == 1
     monkeypatch.setattr(passes, "_on_gpu", lambda: True)
-    monkeypatch.setattr(passes, "LANES", {"cuda": 1 << 20})
+    lower(monkeypatch, lanes={"cuda": 1 << 20})
     assert passes._shared_by(2000, lanes=16, most=2048) == 16
     assert passes._shared_by(2000, lanes=1024, most=2048) == 512
     assert passes._shared_by(2000, lanes=1024, most=100) == 64

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from helpers import measured_files as files
 from helpers.bad_inputs import one_clear_line
+from helpers.limits import lower
 from helpers.refusals import refused
 from scipy.io import loadmat, savemat
 
 from tofrender.io import load_capture, matlab
-from tofrender.runtime import memory
 
 WALL = {"wall_size": 1.0, "bin_width_s": 4e-12}
 LITTLE = 64 << 20  # Bytes that a refusal may allocate
@@ -25,7 +25,7 @@ FREE = 4 << 30
 @pytest.fixture
 def little_memory(monkeypatch):
     """Four gigabytes are free, and a test must not allocate a part of them."""
-    monkeypatch.setattr(memory, "free_on_host", lambda: FREE)
+    lower(monkeypatch, free_memory=FREE)
     tracemalloc.start()
     yield
     peak = tracemalloc.get_traced_memory()[1]
@@ -223,7 +223,7 @@ def test_compressed_sdt_bombs(tmp_path, little_memory, monkeypatch, claimed):
     packed_sdt(tmp_path / "a", 400 << 20, claimed)
     assert (tmp_path / "a").stat().st_size < 1 << 20
     tracemalloc.start()
-    monkeypatch.setattr(memory, "free_on_host", lambda: 1 << 30)
+    lower(monkeypatch, free_memory=1 << 30)
     refuse(tmp_path / "a", "blocks: takes", "bytes of a block", **files.SIZE)
 
 

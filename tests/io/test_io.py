@@ -15,6 +15,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from helpers.hidden_scenes import Wall, capture_of, rectangle
+from helpers.limits import lower
 from helpers.made_dataset import START, WIDTH, assert_same, make_dataset
 from helpers.refusals import refused
 from PIL import Image, ImageSequence
@@ -134,7 +135,7 @@ def test_half_rounds_to_11_bits_and_refuses_what_would_become_infinite(tmp_path,
 
 
 def test_frame_names_sort_where_they_have_more_digits(tmp_path, monkeypatch):
-    monkeypatch.setattr(exr, "LEAST_DIGITS", 3)  # With 4, it takes more than 10 000 frames
+    lower(monkeypatch, frame_digits=3)  # With 4, it takes more than 10 000 frames
     dataset = make_dataset(height=1, width=1, bins=1_101, channels="L")
     io.save_exr_stack(dataset, tmp_path / "stack")
     names = sorted(file.name for file in (tmp_path / "stack").glob("frame_*"))

@@ -53,6 +53,13 @@ def test_constant_light(v, n):
     np.testing.assert_allclose(homodyne, 2 * np.exp(1j * phase) * np.sinc(x / np.pi), rtol=1e-5)
 
 
+@pytest.mark.parametrize(("v", "cycles"), [(-90.0, 3), (35.0, 2), (12.0, 1)])
+def test_rates_do_not_depend_on_the_number_of_cycles(v, cycles):
+    settings = {"frequency_hz": FREQUENCY, "exposure_s": EXPOSURE, "cycles": cycles}
+    found = tofrender.doppler(panel(v), spp=4, progress=False, **settings)
+    assert tofrender.doppler_rate(found).values == pytest.approx(np.full((2, 2), v), rel=2e-3)
+
+
 def test_light_of_the_sensor_s_frequency():
     """At V = -c n / (f T) light has the sensor's frequency: heterodyne is constant in time."""
     v = -C / (FREQUENCY * EXPOSURE)

@@ -161,15 +161,15 @@ def test_what_frames_refuse():
     def said(times=(0.0,), **options):
         return refusal(render_frames, square(), times, spp=4, progress=False, **options)
 
-    assert said(poses=2) == "poses = 2: must be 1 or left out without exposure_s"
-    assert said(exposure_s=1.0, poses=5) == "poses = 5: must be at most spp, 4"
-    assert said(exposure_s=-1).startswith("exposure_s = -1: must be a finite number of seconds")
-    assert said(()) == "times_s = (): must be times in seconds, 1 or more"
+    assert said(poses=2).startswith("poses = 2:")
+    assert said(exposure_s=1.0, poses=5).startswith("poses = 5:")
+    assert said(exposure_s=-1).startswith("exposure_s = -1:")
+    assert said(()).startswith("times_s = ():")
     dark = {"window": (50.0, 60.0), "bins": 5}
-    assert said(**dark).startswith("window = 50 m to 60 m: no light arrives in it")
+    assert said(**dark).startswith("window = 50 m to 60 m:")
     tracer = {"row_time_s": 1e-3, "integrator": "transient_light_tracer"}
     refused = refusal(render_frames, "fan", [0.0], spp=1, size=(4, 4), progress=False, **tracer)
-    assert refused.startswith("row_time_s = 0.001: must be 0 with TransientLightTracer")
+    assert refused.startswith("row_time_s = 0.001:")
     with pytest.raises(TypeError, match="errors: is no argument; must be one of spp"):
         render_frames(square(), [0.0], errors=True)
 

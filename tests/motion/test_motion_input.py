@@ -190,6 +190,6 @@ def test_rates_of_other_measurements_are_refused():
     line = refusal(tofrender.doppler_rate, triangle.drop_attrs())
     assert line.startswith("measured: the attribute waveform is missing"), line
     line = refusal(tofrender.range_rate, described(), rates=(1.0, 1.0), progress=False)
-    assert line.startswith("rates = (1.0, 1.0): must end"), line
+    assert line.startswith("rates = (1.0, 1.0):"), line
     line = refusal(tofrender.range_rate, described(), window="auto", progress=False)
-    assert line == "window = 'auto': must be (start, stop) in meters"
+    assert line.startswith("window = 'auto':")

@@ -12,7 +12,6 @@ from helpers.parts import diffuse, plane, rotate, translate
 from helpers.support import agree, film, load, scene
 
 import tofrender
-from tofrender.nlos.light import relay_wall_path
 
 pytestmark = [
     pytest.mark.statistical,
@@ -125,14 +124,6 @@ def test_fog_scatters_as_a_bidirectional_tracer_finds(name):
     footprint = (2 * r * math.tan(math.radians(FOV / 2))) ** 2 / (DEVICE[2] / r)
     groups = np.add.reduceat(np.eye(BINS), [10, 16, 20, 25, 30], axis=0).T
     assert agree(ours @ groups, reference @ groups / footprint, rounding=1e-2)
-
-
-def test_a_beam_that_is_not_scattered_is_noticed(monkeypatch):
-    """Without scattering of the beam, all light of the laser would arrive, brighter and earlier."""
-    right = bins(corner(SINGLE, 3, around=THIN), 1024, SEEDS)
-    monkeypatch.setattr(relay_wall_path, "scatter_beam", lambda scan, beam: beam)
-    wrong = bins(corner(SINGLE, 3, around=THIN), 1024, OTHER_SEEDS)
-    assert not agree(wrong.sum(axis=1), right.sum(axis=1), rounding=1e-2)
 
 
 @pytest.mark.parametrize("integrator", [CONFOCAL, EACH], ids=["confocal", "each"])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from helpers import hidden_scenes as scenes
+from helpers.limits import lower
 from oracles.nlos import Nodes, Rectangle
 
 import tofrender
@@ -27,7 +28,6 @@ from tofrender.nlos import (
 from tofrender.nlos.reconstruction import backprojection
 from tofrender.nlos.reconstruction.measured import Measured
 from tofrender.nlos.reconstruction.volume import resample
-from tofrender.runtime import memory
 from tofrender.vis.reconstructions import reconstruction_figure
 
 TIME = {"width": 0.012, "bins": 125}
@@ -252,7 +252,7 @@ def test_backprojection_is_its_formula(mode, weighting):
 def test_backprojection_in_steps(monkeypatch):
     capture = scenes.capture_of(scenes.letter_z(), scenes.Wall(8), bins=50, width=0.03)
     whole = run(capture, "bp")
-    monkeypatch.setattr(backprojection, "_PAIRS_A_STEP", 64 * 77)
+    lower(monkeypatch, backprojected_pairs=64 * 77)
     np.testing.assert_array_equal(run(capture, "bp")["intensity"], whole["intensity"])
 
 
@@ -271,6 +271,17 @@ def test_light_that_is_not_finite_is_refused():
     for method in METHODS:
         with pytest.raises(ValueError, match=said):
             run(capture, method)
+
+
+@each_method
+def test_rows_that_are_farther_apart_than_columns(method):
+    wall = scenes.Wall(24)
+    place = (wall.grid()[0, 14, 0], wall.grid()[9, 0, 1], 0.9)
+    capture = scenes.capture_of(point_at(place)(), wall, **TIME).isel(y=slice(1, None, 2))
+    volume = run(capture, method, volume=((0.0, 0.4, 16), (-0.4, 0.0, 16), (0.75, 1.1, 35)))
+    off = brightest(volume) - place
+    assert abs(off[2]) < 0.012
+    assert np.linalg.norm(off[:2]) < 0.08  # Rows are 167 mm apart
 
 
 @pytest.mark.parametrize("method", ["lct", "fk"])
@@ -389,7 +400,7 @@ def test_captures_that_a_method_does_not_allow():
 
 @pytest.mark.parametrize("method", ["lct", "fk", "phasor"])
 def test_too_little_memory(monkeypatch, method):
-    monkeypatch.setattr(memory, "free_on_host", lambda: 1 << 10)
+    lower(monkeypatch, free_memory=1 << 10)
     with pytest.raises(MemoryError, match=f"^method = '{method}': it needs .* are free. Use"):
         run(BASE, method)
 
@@ -421,20 +432,21 @@ def test_depth_map():
 
 
 def test_depth_error():
-    values = np.zeros((4, 1, 4))
+    values = np.zeros((4, 1, 5))
     values[[1, 2, 3], 0, [0, 1, 3]] = 1
-    error = depth_error(volume_of(values), [[0.1, 0.23, 0.2, np.nan]])
-    assert (error.pixels, error.found, error.extra) == (2, 2 / 3, 1 / 3)
+    truth = [[0.1, 0.23, 0.2, np.nan, 0.3]]
+    error = depth_error(volume_of(values), truth)
+    assert (error.pixels, error.found, error.extra) == (2, 2 / 4, 1 / 3)
     np.testing.assert_allclose((error.median, error.mean, error.bias), (0.015, 0.015, -0.015))
     np.testing.assert_allclose(error.rms, 0.03 / 2**0.5)
-    labeled = depth_map(volume_of(values)).copy(data=[[0.1, 0.23, 0.2, np.nan]])
+    labeled = depth_map(volume_of(values)).copy(data=truth)
     assert depth_error(volume_of(values), labeled.transpose()) == error
     with pytest.raises(ValueError, match=r"truth: the axis x has other labels"):
         depth_error(volume_of(values), labeled.assign_coords(x=labeled["x"] + 0.5))
-    nothing = depth_error(volume_of(values), [[np.nan, np.nan, 0.2, np.nan]])
+    nothing = depth_error(volume_of(values), [[np.nan, np.nan, 0.2, np.nan, 0.3]])
     assert np.isnan(nothing.median)
     assert nothing.pixels == 0
-    for truth, said in ((np.full((1, 4), np.nan), "pixels are NaN"), ([1, 2], "with shape")):
+    for truth, said in ((np.full((1, 5), np.nan), "pixels are NaN"), ([1, 2], "with shape")):
         with pytest.raises(ValueError, match=f"truth.* {said}"):
             depth_error(volume_of(values), truth)
 

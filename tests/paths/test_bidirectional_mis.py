@@ -7,9 +7,6 @@ definition, by full products of densities in double precision.
 
 import functools
 import math
-from collections.abc import Callable
-from copy import copy
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -17,18 +14,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.light_paths import GLASS, MIRROR, ball, facing_down, spot
-from helpers.mistakes import gives_other, of_other
 from helpers.parts import area_light, diffuse, gray, plane, point_light, rotate, translate, unit
 from helpers.scenes import numbers
 from helpers.support import camera, film, load, scene
 from oracles.light_paths import window_area
 from oracles.replayed_paths import LONGEST, WIDE, Paths, Products, shares, started
 
-from tofrender.bidirectional.camera import Camera
 from tofrender.bidirectional.emission import Emission
-from tofrender.bidirectional.lens import Lens
-from tofrender.bidirectional.light_paths import LightPaths, VertexConnection
-from tofrender.bidirectional.mis import BidirectionalMIS, PartialSums
 from tofrender.paths.records import Vertex
 from tofrender.paths.scattering import Materials
 
@@ -233,96 +225,3 @@ def test_choices_have_the_densities_that_connections_have(importance):
     ):
         own, other = (np.array(each, float)[compared] for each in (own, other))
         assert own == pytest.approx(other, rel=1e-2, abs=1e-3)
-
-
-def no_way_back(connection):
-    if isinstance(connection, VertexConnection):
-        return replace(connection, pdf_reverse=mi.Float(0))
-    return connection
-
-
-def as_points(connection):
-    """Emitter samples as those of lights that cannot be hit."""
-    return replace(connection, delta=mi.Bool(True))
-
-
-def no_other_way_to_start(path, vertex, hit):
-    path = copy(path)
-    path.history = PartialSums(path.history.a, mi.Float(0))
-    return path, vertex, hit
-
-
-def no_cosine_on_arrival(self, it, rivals, path, vertex):
-    power = self.power(dr.abs(dr.dot(vertex.si.n, path.ray.d)))
-    return PartialSums(it.a * power, it.b * power)
-
-
-def no_cosine_on_leaving(self, it, rivals, vertex, bsdf_sample):
-    return PartialSums(it.a, it.b / self.power(dr.abs(dr.dot(vertex.si.n, bsdf_sample.ray.d))))
-
-
-def cosine_to_the(power: int) -> Callable:
-    return gives_other(lambda self, it, d: it * dr.abs(dr.dot(d, self.axis)) ** (3 - power))
-
-
-MISTAKES: dict[str, tuple[Any, str, Callable]] = {
-    "no way back to the lens": (
-        Camera,
-        "mis_weight",
-        of_other(
-            lambda p, v, connection, bsdf_eval: (
-                p,
-                v,
-                connection,
-                replace(bsdf_eval, pdf_reverse=mi.Float(0)),
-            )
-        ),
-    ),
-    "no way back at the far end": (
-        LightPaths,
-        "mis_weight",
-        of_other(lambda p, v, connection, bsdf_eval: (p, v, no_way_back(connection), bsdf_eval)),
-    ),
-    "no other way to start": (LightPaths, "hit_weight", of_other(no_other_way_to_start)),
-    "lamps as points": (
-        LightPaths,
-        "mis_weight",
-        of_other(lambda p, v, connection, bsdf_eval: (p, v, as_points(connection), bsdf_eval)),
-    ),
-    "no cosine on arrival": (BidirectionalMIS, "at_vertex", gives_other(no_cosine_on_arrival)),
-    "no cosine on leaving": (BidirectionalMIS, "after_sample", gives_other(no_cosine_on_leaving)),
-    "mirrors that connect": (
-        BidirectionalMIS,
-        "after_sample",
-        of_other(
-            lambda rivals, v, bsdf_sample: (
-                rivals,
-                v,
-                replace(bsdf_sample, specular=mi.Bool(False)),
-            )
-        ),
-    ),
-    "no pi": (Emission, "ratio", gives_other(lambda self, it, *_: it / dr.pi)),
-}
-IN_ALL_ALIKE = {
-    "cos²": cosine_to_the(2),
-    "cos⁴": cosine_to_the(4),
-    "no area": gives_other(lambda self, it, d: it * self.area),
-}
-
-
-@pytest.mark.parametrize(("owner", "name", "mistake"), MISTAKES.values(), ids=MISTAKES)
-def test_a_wrong_share_is_found(owner, name, mistake, monkeypatch):
-    monkeypatch.setattr(owner, name, mistake(getattr(owner, name)))
-    it = found("off center", 2, True, plain=True)
-    assert not sum_to_1(it)
-    assert not are_plain(it)
-
-
-@pytest.mark.parametrize("mistake", IN_ALL_ALIKE)
-def test_a_wrong_density_of_the_lens_is_found(mistake, monkeypatch):
-    """All strategies take the same, so that shares still sum to 1: the definition tells."""
-    monkeypatch.setattr(Lens, "density", IN_ALL_ALIKE[mistake](Lens.density))
-    it = found("off center", 2, True, plain=True)
-    assert sum_to_1(it)
-    assert not are_plain(it)

@@ -10,7 +10,6 @@ from helpers.support import load
 
 import tofrender
 from tofrender.films.sums import Radiance, Weighted
-from tofrender.paths import camera as cameras, scattering, walk
 from tofrender.paths.camera import sample_camera
 from tofrender.rendering.dataset import require_storable
 from tofrender.scenes.checking import check_scene
@@ -107,41 +106,28 @@ def test_glass_polarizes_what_it_reflects(incidence, reflected, degree):
 
 
 @pytest.mark.parametrize("roll", [0, 45, 90, -30])
-def test_the_frame_turns_with_the_camera(roll, monkeypatch):
+def test_the_frame_turns_with_the_camera(roll):
     scene, a = bench((BREWSTER, 0), roll=roll), np.radians(2 * roll)
     S = traced(scene, 2_000)
     assert np.allclose(S[1:] / S[0], [-np.cos(a), np.sin(a), 0], atol=1e-4)
-    if roll == 45:
-        monkeypatch.setattr(cameras, "sensor_frame", lambda sensor, ray: None)
-        S = traced(scene, 2_000)
-        assert not np.allclose(S[1:] / S[0], [0, 1, 0], atol=0.1)
 
 
 @pytest.mark.parametrize("twist", [0, 30, 90])
-def test_two_mirrors_at_brewsters_angle(twist, monkeypatch):
+def test_two_mirrors_at_brewsters_angle(twist):
     # p3
     scene = bench((BREWSTER, 0), (BREWSTER, twist))
     S = traced(scene, 200_000)
     both = ((N**2 - 1) / (N**2 + 1)) ** 4 * np.cos(np.radians(twist)) ** 2 / 2
     assert abs(S[0] - both) < 0.05 * both + 1e-7
     assert np.allclose(S[1:], [-S[0], 0, 0], atol=1e-7)
-    if twist == 30:  # Matrices in their own frames
-        monkeypatch.setattr(scattering, "bsdf_to_world", lambda si, f, comes, goes: f)
-        S = traced(scene, 200_000)
-        right = np.allclose(S[1:] / S[0], [-1, 0, 0], atol=0.1)
-        assert abs(S[0] - both) > 0.1 * both or not right
 
 
-def test_matrices_stand_in_the_order_of_the_path(monkeypatch):
+def test_matrices_stand_in_the_order_of_the_path():
     # In the other order, S0 would be right, S1 18 % less, and S2 0.57 of S0
     scene = bench((70, 0), (BREWSTER, 40))
     S = traced(scene, 200_000)
     assert abs(S[0] / 0.0143022 - 1) < 0.05
     assert np.allclose(S[1:] / S[0], [-1, 0, 0], atol=1e-4)
-    right, name = walk.multiply_throughput, "multiply_throughput"
-    monkeypatch.setattr(walk, name, lambda β, f, importance=False: right(β, f, True))
-    S = traced(scene, 20_000)
-    assert not np.allclose(S[1:] / S[0], [-1, 0, 0], atol=0.1)
 
 
 def test_total_reflection_turns_phases():

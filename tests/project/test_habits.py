@@ -1,5 +1,6 @@
 """What keeps the habits: linters that commits and `make lint` share, and marks of slow tests."""
 
+import ast
 import json
 import os
 import re
@@ -11,7 +12,8 @@ from types import SimpleNamespace
 import pytest
 import yaml
 from helpers import affected, selection, workers
-from mutants.__main__ import bugs, planted as plant
+from helpers.limits import lower
+from mutants.planting import Bug, bugs, planted as plant
 
 ROOT = Path(__file__).parents[2]
 
@@ -193,11 +195,13 @@ def test_shards_have_each_file_once_and_take_as_long():
     assert max(sums) < 1.3 * min(sums)
 
 
-def test_planted_bugs_fit_the_code():
+def test_each_planted_bug_applies_once_and_has_its_tests():
     planted = bugs()
     assert len(planted) == len({bug.name for bug in planted})
     for bug in planted:
-        compile(plant(bug), bug.file, "exec") if bug.file.endswith(".py") else plant(bug)
+        changed = plant(bug)
+        if bug.file.endswith(".py"):
+            compile(changed, bug.file, "exec")
         for test in bug.tests:
             file, _, name = test.partition("[")[0].partition("::")
             assert name.rpartition(".")[2].rpartition("::")[2] in (ROOT / file).read_text(), (
@@ -205,10 +209,60 @@ def test_planted_bugs_fit_the_code():
             )
 
 
+MODULE = """
+class Film:
+    @property
+    def size(self):
+        return 3 * self.width  # In bins
+
+    @size.setter
+    def size(self, size):
+        self.width = size / (
+            3  # Channels
+        )
+
+def size(width):
+    if width < 0:
+        width = 0
+        print(width)
+    return 3 * width
+"""
+
+
+@pytest.mark.parametrize(
+    ("function", "replace", "replacement", "line"),
+    [
+        ("Film.size", "size/3", "size", "self.width = size"),
+        ("Film", "3 * self.width", "self.width", "return self.width"),
+        ("", "3 * width", "width", "return width"),
+        ("size", "width = 0\nprint(width)", "pass", "pass"),
+        ("Film.size", "self.width", "self.height", 2),
+        ("size", "3 * self.width", "self.width", 0),
+        ("length", "3 * width", "width", 0),
+    ],
+)
+def test_a_planted_bug_is_at_one_place_of_a_function(
+    tmp_path, function, replace, replacement, line
+):
+    (tmp_path / "film.py").write_text(MODULE)
+    bug = Bug("bug", "film.py", function, replace, replacement, "", ())
+    if isinstance(line, int):
+        with pytest.raises(ValueError, match=f"occurs {line} times in film.py {function}"):
+            plant(bug, tmp_path)
+        return
+
+    # Exactly one line differs from a text without layout and comments, or two lines became one.
+    before = ast.unparse(ast.parse(MODULE)).splitlines()
+    after = plant(bug, tmp_path).splitlines()
+    assert len([row for row in after if row not in before]) == 1
+    assert [row.strip() for row in after if row not in before] == [line]
+    assert len(after) == len(before) - replace.count("\n")
+
+
 def test_processes_are_as_many_as_cores_and_memory_allow(monkeypatch):
     for cores, memory, processes in ((1, 99, 0), (4, 99, 4), (64, 99, 8), (8, 7, 3), (8, 3, 0)):
         monkeypatch.setattr(workers, "cores", lambda cores=cores: cores)
-        monkeypatch.setattr(workers.memory, "free_on_host", lambda memory=memory: memory << 30)
+        lower(monkeypatch, free_memory=memory << 30)
         assert workers.pytest_xdist_auto_num_workers() == processes
 
 

@@ -12,15 +12,15 @@ import xarray as xr
 from helpers.films_in_parts import script
 from helpers.hidden_scenes import Wall, capture_of, letter_z
 from helpers.limited import at_most, write_film
+from helpers.limits import lower
 from helpers.made_dataset import make_dataset
 from helpers.refusals import refused
 
 from tofrender import io, nlos, vis
 from tofrender.analysis import transient_to_phasor
-from tofrender.rendering import cubes, store
+from tofrender.rendering import cubes
 from tofrender.rendering.cubes import Cube
 from tofrender.rendering.dataset import require_finite
-from tofrender.vis import tone
 
 zarr = pytest.importorskip("zarr")
 pytestmark = pytest.mark.filterwarnings("ignore:Object at .receipts", "ignore:.*arrives outside")
@@ -36,9 +36,7 @@ def film(channels: str = "RGB", **attrs):
 @pytest.mark.parametrize("chunks", [None, CHUNKS, {"y": 13, "x": 11, "opl": 17}, {"x": 1}])
 @pytest.mark.parametrize("piece_bytes", [1, 700, 5000, 1 << 20])
 def test_pieces_rows_and_frames_are_the_whole(monkeypatch, chunks, piece_bytes):
-    monkeypatch.setattr(cubes, "PIECE_BYTES", piece_bytes)
-    monkeypatch.setattr(cubes, "VIEW_BYTES", piece_bytes)
-    monkeypatch.setattr(cubes, "SHARE", 1 << 40)
+    lower(monkeypatch, piece_bytes=piece_bytes, view_bytes=piece_bytes, memory_share=1 << 40)
     data = film()["transient"]
     values, cube = data.values, Cube(data if chunks is None else data.chunk(chunks))
     found = np.full_like(values, np.nan)
@@ -67,7 +65,7 @@ def test_pieces_rows_and_frames_are_the_whole(monkeypatch, chunks, piece_bytes):
 
 @pytest.mark.parametrize("shape", [(), (5,), (0,), (3, 4), (2, 3, 4), (2, 3, 2, 3, 4, 1)])
 def test_any_shape(monkeypatch, shape):
-    monkeypatch.setattr(cubes, "VIEW_BYTES", 16)
+    lower(monkeypatch, view_bytes=16)
     values = np.arange(np.prod(shape, dtype=int), dtype=np.float32).reshape(shape)
     found = np.full_like(values, -1)
     for place, part in Cube(values).pieces():
@@ -77,8 +75,7 @@ def test_any_shape(monkeypatch, shape):
 
 @pytest.mark.parametrize("chunks", [None, CHUNKS])
 def test_what_is_not_finite_is_told_as_of_an_array(monkeypatch, chunks):
-    monkeypatch.setattr(cubes, "PIECE_BYTES", 700)
-    monkeypatch.setattr(cubes, "VIEW_BYTES", 700)
+    lower(monkeypatch, piece_bytes=700, view_bytes=700)
     dataset = film()
     values = dataset["transient"].values
     values[9, 0, 2, 1], values[3, 10, 16, 0], values[3, 10, 16, 2] = np.nan, -np.inf, np.nan
@@ -178,7 +175,7 @@ def one_thread(monkeypatch):
 def test_readers_see_what_is_in_memory_and_keep_little(
     tmp_path, monkeypatch, one_thread, reader, channels
 ):
-    monkeypatch.setattr(tone, "_SAMPLES", 1900)
+    lower(monkeypatch, tone_samples=1900)
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
     dataset = film(channels)
@@ -197,7 +194,7 @@ def test_the_limit_finds_a_reader_of_the_whole(monkeypatch):
 
 
 def test_nearly_dark_films_have_the_same_exposure(monkeypatch):
-    monkeypatch.setattr(tone, "_SAMPLES", 500)
+    lower(monkeypatch, tone_samples=500)
     dataset = film()
     dataset["transient"].values[1:] = 0
     expected = vis.auto_exposure(dataset["transient"])
@@ -238,7 +235,7 @@ def test_reconstructions_of_captures_on_disk(monkeypatch, mode, method, legs):
     made = capture(mode, legs)
     expected = nlos.reconstruct(made, method, progress=False)["intensity"]
     lazy = made.chunk({"y": 3, "x": 8, "opl": 7})
-    monkeypatch.setattr(cubes, "PIECE_BYTES", 1000)  # Rows come one by one
+    lower(monkeypatch, piece_bytes=1000)  # Rows come one by one
     found = nlos.reconstruct(lazy, method, progress=False)["intensity"]
     scale = float(abs(expected).max())
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * scale)
@@ -274,7 +271,7 @@ DAMAGED = READERS | {
 @pytest.mark.parametrize("harm", ["a bit", "half"])
 @pytest.mark.parametrize("reader", DAMAGED)
 def test_damage_names_the_film(tmp_path, monkeypatch, reader, harm):
-    monkeypatch.setattr(store, "BLOCK_BYTES", 3000)
+    lower(monkeypatch, block_bytes=3000)
     lazy = write_film(tmp_path / "box.zarr", film(), (5, 11))
     file = tmp_path / "box.zarr/transient/c/1/0/0/0"
     content = bytearray(file.read_bytes())
@@ -325,7 +322,7 @@ print(by_pieces, peak() - before)
 
 @pytest.mark.skipif(sys.platform != "linux", reason="measures memory as Linux counts it")
 def test_a_large_film_is_read_in_little_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "BLOCK_BYTES", 1 << 20)
+    lower(monkeypatch, block_bytes=1 << 20)
     tile = make_dataset(20, 160, 800, energy_outside_window=0.0)
     large = xr.concat([tile.assign_coords(y=20 * k + np.arange(20)) for k in range(12)], "y")
     size = large["transient"].nbytes >> 20

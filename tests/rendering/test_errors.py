@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.films_in_parts import box, differences, in_small_steps, render, watch_steps
+from helpers.limits import lower
 from helpers.parts import area_light, diffuse, plane, rotate, translate
 from helpers.refusals import refused
 from helpers.standard_errors import bins_of, covered, is_calibrated
@@ -231,8 +232,7 @@ def test_error_bars_of_light_that_lands_anywhere():
 
 def test_error_bars_need_memory(monkeypatch):
     size = memory.film_bytes(9, 12, 40, 3)
-    monkeypatch.setattr(memory, "RESERVE", 0)
-    monkeypatch.setattr(memory, "available", lambda: 3 * size // 2)
+    lower(monkeypatch, reserved_memory=0, available_memory=3 * size // 2)
     assert render(box()).attrs["complete"] == 1
     with refused("takes", MemoryError):
         render(box(), spp=16, errors=True)

@@ -19,13 +19,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.films_in_parts import watch_steps
+from helpers.limits import lower
 from helpers.refusals import refused
 from helpers.support import agree, largest
 
 import tofrender
 from tofrender import nlos
-from tofrender.films import histogram, recording
-from tofrender.integrators import passes
 from tofrender.rendering import job, work_items
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.settings import RenderSettings
@@ -72,8 +71,7 @@ def path(tmp_path) -> Path:
 @pytest.fixture
 def small_steps(monkeypatch):
     def use(samples: int = SIZE * SIZE * STEP) -> None:
-        monkeypatch.setattr(passes, "STEP_SAMPLES", samples)
-        monkeypatch.setattr(passes, "FIRST_SAMPLES", samples)
+        lower(monkeypatch, step_samples=samples, first_samples=samples)
 
     return use
 
@@ -308,22 +306,22 @@ def test_parts_are_the_whole(path, small_steps, make, after, options):
 def test_more_samples_than_float32_adds(path, small_steps, monkeypatch, name, after):
     """They are added in portions of at most 2^16, here of 32."""
     whole = WORKS[name]()(None)
-    for module in (histogram, recording, passes, job):
-        monkeypatch.setattr(module, "MAX_ADDED", 2 * STEP)
+    lower(monkeypatch, max_added=2 * STEP)
     small_steps()
     result, count = in_parts(WORKS[name](), path, after)
     assert count > 1
     assert difference(result, whole) < ROUNDING
 
 
-def test_more_samples_the_second_time(path, small_steps):
-    whole = rendered(box(), spp=2 * SPP)(None)
+@pytest.mark.parametrize("technique", ["transient_path", "transient_light_tracer"])
+def test_more_samples_the_second_time(path, small_steps, technique):
+    whole = rendered(box(technique), spp=2 * SPP)(None)
     small_steps()
-    assert stopped(rendered(box()), Cut(path, 3)) is None
-    assert stopped(rendered(box()), Cut(path, seconds=NOW)) is not None
+    assert stopped(rendered(box(technique)), Cut(path, 3)) is None
+    assert stopped(rendered(box(technique)), Cut(path, seconds=NOW)) is not None
     for spp, done, steps in ((2 * SPP, SPP, SPP // STEP), (2 * SPP, 2 * SPP, 0)):
         last = Cut(path, seconds=NOW)
-        assert difference(rendered(box(), spp=spp)(last), whole) < ROUNDING
+        assert difference(rendered(box(technique), spp=spp)(last), whole) < ROUNDING
         assert last.told == [f"resuming from {done} of {spp} samples per pixel"]
         assert last.steps == steps
 
@@ -511,7 +509,7 @@ class Slow(OwnSample):
 @pytest.mark.parametrize("integrator", [None, Slow()], ids=["many", "slow"])
 def test_steps_take_about_a_second(path, integrator, monkeypatch):
     """A stop takes that long; also where a sample takes long. Of the processor, on two cores."""
-    monkeypatch.setattr(passes, "STEP_S", 1.0)
+    lower(monkeypatch, step_s=1.0)
     checkpoint = Cut(path, after=3)
     with pytest.raises(KeyboardInterrupt):
         gate(integrator, spp=1 << 20, width=256, height=256)(checkpoint)

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.films_in_parts import watch_steps
+from helpers.limits import lower
 from helpers.parts import area_light, gray, plane, point_light, translate
 from helpers.refusals import refused
 from helpers.support import camera, film, scene, with_film, with_integrator, with_sampler
@@ -166,7 +167,7 @@ def test_spp(given, used):
 def test_prime_spp_is_as_bright(monkeypatch):
     expected = float(render(box(), spp=256).steady.mean())
     for step_samples in (base.STEP_SAMPLES, 64 * 10):
-        monkeypatch.setattr(base, "STEP_SAMPLES", step_samples)
+        lower(monkeypatch, step_samples=step_samples)
         dataset = render(box(), spp=251)
         assert dataset.attrs["spp"] == 251
         assert float(dataset.steady.mean()) == pytest.approx(expected, rel=0.02)
@@ -191,7 +192,7 @@ def test_many_steps_are_one(monkeypatch, sampler):
     numbers: list[int] = []
     watch_steps(monkeypatch, numbers.append)
     whole = render(box(), spp=512, sampler=sampler)
-    monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
+    lower(monkeypatch, step_samples=64 * 64)
     parts = render(box(), spp=512, sampler=sampler)
     assert numbers == [0, *range(8)]
     assert parts.attrs["spp"] == whole.attrs["spp"] == 512
@@ -206,7 +207,7 @@ def test_samplers_that_cannot_loop_keep_their_strata(monkeypatch, sampler):
     # Now the middle column sees both walls, in equal parts
     described = with_film(described, width=5, height=4)
     for step_samples in (base.STEP_SAMPLES, 20 * 4):
-        monkeypatch.setattr(base, "STEP_SAMPLES", step_samples)
+        lower(monkeypatch, step_samples=step_samples)
         dataset = render(described, spp=64, sampler=sampler, seed=2)
         near = dataset.transient.sel(opl=slice(0, 3)).sum("opl").isel(x=2, channel=0)
         np.testing.assert_allclose(near, 0.5, atol=0.51 / 8)  # 8 strata wide, one is cut
@@ -221,8 +222,7 @@ def test_long_renders_are_folded(monkeypatch):
     monkeypatch.setattr(
         tofrender.TransientHDRFilm, "flush", lambda self, *_: folds.append(1) or fold(self)
     )
-    monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
-    monkeypatch.setattr(base, "MAX_ADDED", 128)
+    lower(monkeypatch, step_samples=64 * 64, max_added=128)
     parts = render(box(), spp=512)
     assert len(folds) == 3  # After 128, 256 and 384 samples; the end needs none
     np.testing.assert_allclose(parts.transient, whole.transient, rtol=1e-4, atol=1e-6)
@@ -437,7 +437,7 @@ def test_integrator_without_time(integrator, load):
 
 def interrupting(monkeypatch) -> None:
     """Let SIGINT come after the second step of a render."""
-    monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
+    lower(monkeypatch, step_samples=64 * 64)
     watch_steps(monkeypatch, lambda number: number == 1 and signal.raise_signal(signal.SIGINT))
 
 

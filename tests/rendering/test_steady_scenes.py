@@ -5,6 +5,7 @@ import warnings
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.limits import lower
 from helpers.parts import area_light, diffuse, plane, point_light
 from helpers.refusals import refused
 
@@ -210,6 +211,6 @@ def test_an_automatic_window_is_enlarged_until_it_holds_the_light():
 
 
 def test_an_automatic_window_does_not_recommend_itself(monkeypatch):
-    monkeypatch.setattr("tofrender.rendering.window.CHECKS", 0)
+    lower(monkeypatch, window_checks=0)
     with pytest.warns(UserWarning, match="outside the window 4.53 to 14.24 m; set `window`"):
         render(small_lamp(), spp=64, window="auto")

@@ -16,6 +16,7 @@ import pytest
 import xarray as xr
 from dask.utils import parse_timedelta
 from helpers.films_in_parts import OWN, ROUNDING, box, check_same, crop, in_tiles, names, render
+from helpers.limits import lower
 from helpers.processes import GUARD_S, wait_for
 from helpers.refusals import one_line, refused
 from helpers.support import with_film
@@ -184,8 +185,7 @@ def test_a_killed_worker_costs_its_piece(client, tmp_path, monkeypatch, streamed
 
 def test_a_worker_that_hangs_is_given_up(client, monkeypatch):
     in_tiles(monkeypatch, 1)
-    monkeypatch.setattr(workers, "PATIENCE", 2.0)
-    monkeypatch.setattr(workers, "LEAST_WAIT_S", 1.0)
+    lower(monkeypatch, worker_patience=2.0, worker_least_wait_s=1.0)
     hanging = addresses(client)[0]
 
     def hang(take, job, piece):

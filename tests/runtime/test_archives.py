@@ -7,6 +7,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from helpers.limits import lower
 
 import tofrender
 from tofrender.cli.report import _load_volume
@@ -26,7 +27,7 @@ def small_only(monkeypatch):
         assert array.nbytes < BOMB.nbytes, "was unpacked"
         return array
 
-    monkeypatch.setattr(archives, "MOST_BYTES", BOMB.nbytes // 2)
+    lower(monkeypatch, array_bytes=BOMB.nbytes // 2)
     monkeypatch.setattr(archives.npy, "read_array", guarded)
 
 

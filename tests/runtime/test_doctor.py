@@ -5,10 +5,11 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from helpers.limits import lower
 from helpers.processes import python
 from rich.console import Console
 
-from tofrender.runtime import doctor, llvm, memory
+from tofrender.runtime import doctor, llvm
 from tofrender.runtime.child_processes import run_code
 from tofrender.runtime.doctor import Check
 
@@ -95,11 +96,11 @@ def test_a_test_render_that_fails(monkeypatch, code, detail, remedy):
 
 
 def test_memory_is_what_the_limits_leave(monkeypatch):
-    monkeypatch.setattr(memory, "free_on_host", lambda: 3 << 30)
+    lower(monkeypatch, free_memory=3 << 30)
     check = doctor._check_memory()
     assert check.ok
     assert check.detail.startswith("3.0 of ")
-    monkeypatch.setattr(memory, "free_on_host", lambda: 1 << 29)
+    lower(monkeypatch, free_memory=1 << 29)
     assert (doctor._check_memory().ok, doctor._check_memory().required) == (False, False)
 
 

@@ -10,11 +10,12 @@ import sys
 import drjit as dr
 import mitsuba as mi
 import pytest
+from helpers.limits import lower
 from helpers.processes import says
 
 from tofrender.cli import completion
 from tofrender.integrators import passes
-from tofrender.runtime import backend, child_processes, doctor, gpu, llvm
+from tofrender.runtime import backend, doctor, gpu, llvm
 from tofrender.runtime.child_processes import run_code
 from tofrender.runtime.variants import BackendError
 
@@ -158,7 +159,7 @@ def test_a_gpu_that_traces_no_rays(machine, capsys, name, message, reason, remed
 )
 def test_a_test_that_hangs_or_crashes_is_not_repeated(machine, monkeypatch, capsys, code, problem):
     if "sleep" in code:
-        monkeypatch.setattr(child_processes, "CODE_TIMEOUT_S", 0.2)
+        lower(monkeypatch, child_timeout_s=0.2)
     runs = machine(gpu.CUDA, code)
     for _ in range(2):
         assert backend.default_variant() == "llvm_ad_rgb"

@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import psutil
 import pytest
+from helpers.limits import lower
 from helpers.processes import python, says
 from helpers.support import film, refused
 
@@ -24,7 +25,7 @@ def machine(monkeypatch):
     """Set the amount of free memory."""
 
     def has(free: int) -> None:
-        monkeypatch.setattr(memory, "available", lambda: free)
+        lower(monkeypatch, available_memory=free)
 
     return has
 
@@ -173,8 +174,7 @@ def gpu_machine(monkeypatch):
     def has(on_device: float, on_host: float) -> None:
         device_bytes = memory.RESERVE + int(on_device * GIB)
         host_bytes = memory.RESERVE + int(on_host * GIB)
-        monkeypatch.setattr(memory, "available", lambda: device_bytes)
-        monkeypatch.setattr(memory, "free_on_host", lambda: host_bytes)
+        lower(monkeypatch, available_memory=device_bytes, free_memory=host_bytes)
 
     return has
 

@@ -14,10 +14,10 @@ from typing import ClassVar
 
 import pytest
 from helpers import processes
+from helpers.limits import lower
 from helpers.processes import python
 
 import tofrender
-from tofrender.integrators import passes as base
 from tofrender.rendering import work_items
 from tofrender.runtime import progress
 from tofrender.runtime.progress import ProgressBar, deferred_stop, held_signals
@@ -99,7 +99,7 @@ def test_render_shows_a_bar(capsys, monkeypatch, ticks, shown):
                 ticks[-1].tick()
 
     monkeypatch.setattr(work_items, "steps", watched)
-    monkeypatch.setattr(base, "STEP_SAMPLES", 64 * 64)
+    lower(monkeypatch, step_samples=64 * 64)
     scene = tofrender.cornell_box(width=8, height=8, temporal_bins=120, bin_width_opl=0.25)
     tofrender.render(scene, spp=256, progress=shown)
     captured = capsys.readouterr()

@@ -4,10 +4,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.limits import lower
 from helpers.support import agree, load, over_seeds, rendered, with_sampler
 
 import tofrender
-from tofrender.integrators import passes as base
 from tofrender.scenes import cornell_box
 
 
@@ -175,7 +175,7 @@ def test_lower_variance_than_independent():
 @pytest.mark.parametrize("kind", ["multijitter", "ldsampler"])
 def test_samplers_of_mitsuba_go_on_in_the_next_step(kind, monkeypatch):
     """In sixteen steps, 64 points are as even as in one; the same four again would be far worse."""
-    monkeypatch.setattr(base, "STEP_SAMPLES", 8 * 8 * 4)
+    lower(monkeypatch, step_samples=8 * 8 * 4)
     assert cube_variance(kind, 64) < 0.4 * cube_variance("independent", 64)
 
 
@@ -183,7 +183,7 @@ def test_render_in_steps_keeps_the_point_set(monkeypatch):
     """64 samples in one step or in several have the same points: the same picture."""
     scene = load(with_sampler(cornell_box(width=32, height=32), "padded_sobol"))
     whole = rendered(scene, 64, 2)[1]
-    monkeypatch.setattr(base, "STEP_SAMPLES", 32 * 32 * 8)
+    lower(monkeypatch, step_samples=32 * 32 * 8)
     parts = rendered(scene, 64, 2)[1]
     assert np.abs(parts - whole).max() < 1e-5 * whole.max()
 

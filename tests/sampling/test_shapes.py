@@ -365,6 +365,31 @@ def test_area_and_emission():
         assert not dark.is_emissive
 
 
+def test_a_sheared_quad_is_a_parallelogram():
+    shear = np.eye(4)
+    shear[:3] = [[1.2, 0.8, 0.1, 0.4], [0.0, 0.9, 0.3, -0.2], [0.3, -0.5, 1.1, 1.6]]
+    quad = Quad((1.5, 0.7), emission=1, transform=shear)
+    sides = 1.5 * shear[:3, 0], 0.7 * shear[:3, 1]
+    normal = np.cross(*sides)
+    assert quad.area == pytest.approx(np.linalg.norm(normal))
+
+    # The density by solid angle of the middle, from a point that is not above it
+    origin = np.array([0.2, -0.3, 3.1])
+    d = shear[:3, 3] - origin
+    density = np.linalg.norm(d) ** 3 / abs(d @ normal)
+    record = quad.sample(point(origin), mi.Point2f(0.5))
+    assert float(record.pdf[0]) == pytest.approx(density, rel=1e-5)
+
+
+def test_a_transformed_sphere_is_where_mitsuba_has_it():
+    center = (0.4, 1.0, -0.3)
+    found = Sphere(center, 0.5, transform=MOVED)
+    described = {"type": "sphere", "center": list(center), "radius": 0.5, "to_world": MOVED}
+    box = mi.load_dict(described).bbox()
+    assert found.center == pytest.approx(np.ravel(np.array(box.center())), abs=1e-5)
+    assert found.radius == pytest.approx(float(box.extents()[0]) / 2)
+
+
 @pytest.mark.parametrize("mirror", [False, True])
 def test_normals_are_those_of_mitsuba(mirror):
     transform = TILT @ mi.ScalarTransform4f().scale([1, -2 if mirror else 2, 1])

@@ -334,7 +334,7 @@ def test_what_is_refused(bsdf, said):
 
 def test_refused_places_and_media():
     glass = {"type": "sphere", "radius": 1.0, "bsdf": {"type": "dielectric"}}
-    with refused("index around the sensor = 1.5.*: must be 1, in air"):
+    with refused("index around the sensor = 1.5.*:"):
         shoot(scene={"ball": glass, "wall": wall((0, 0, 5))})
     medium = {"type": "homogeneous", "albedo": 0.5, "sigma_t": 0.1}
     fog = {"type": "cube", "bsdf": {"type": "null"}, "interior": medium}

@@ -88,8 +88,8 @@ def test_command(tmp_path, capsys):
     [
         (["--pattern", "rastr"], "--pattern = 'rastr': did you mean 'raster'?"),
         (["--pattern", "no.csv"], "--pattern = no.csv"),
-        (["--shots", "0x4"], "--shots = 0x4: must be"),
-        (["--divergence", "-1"], "--divergence = -1: must be"),
+        (["--shots", "0x4"], "--shots = 0x4:"),
+        (["--divergence", "-1"], "--divergence = -1:"),
         (["--fov", "400x10"], "--fov = '400x10'"),
     ],
 )

@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.limits import lower
 from helpers.parts import area_light, diffuse, gray, point_light, translate
 from helpers.scenes import refusal as refused
 from helpers.support import camera, film, load, rendered, scene
@@ -190,7 +191,7 @@ def test_the_smallest_scenes_are_right(technique, radius, monkeypatch):
 
     Noise is .02 %, smaller scenes are 1 % off.
     """
-    monkeypatch.setattr(checking, "EXTENT", 0.0)
+    lower(monkeypatch, scene_extent=0.0)
     bounces = np.arange(3)
     energy = 0.8 ** (bounces + 1) / np.pi
     window = film(4, 4, bins=4000, bin_width=0.004 * radius)

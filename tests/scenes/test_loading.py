@@ -25,15 +25,15 @@ XML = Path(__file__).parents[2] / "scenes" / "cornell_box.xml"
 WINDOW = {"temporal_bins": 7, "start_opl": 4.0, "bin_width_opl": 0.5}
 
 
-def test_ctrl_c_is_no_error_of_the_scene(monkeypatch):
-    usual = TransientHDRFilm.__init__
+def test_ctrl_c_is_no_error_of_the_scene():
+    class Interrupted(TransientHDRFilm):
+        def __init__(self, props):
+            signal.raise_signal(signal.SIGINT)
+            super().__init__(props)
 
-    def interrupted(film, props):
-        signal.raise_signal(signal.SIGINT)
-        usual(film, props)
-
-    monkeypatch.setattr(TransientHDRFilm, "__init__", interrupted)
+    mi.register_film("interrupted_film", Interrupted)
     scene = cornell_box(width=4, height=4)
+    scene["sensor"]["film"]["type"] = "interrupted_film"
     with pytest.raises(KeyboardInterrupt):
         load_scene(scene)
     with pytest.raises(KeyboardInterrupt):

@@ -187,6 +187,17 @@ def test_echoes():
     assert (found["number"].values <= 3).all()
 
 
+@pytest.mark.parametrize("opl", [15.15, 15.26])
+def test_echoes_of_an_asymmetric_pulse_are_where_it_is_0(opl):
+    """The mean of the counts comes later than the return, by the mean of the pulse."""
+    pulse = SampledPulse([8.0, 4.0, 2.0, 1.0, 1.0], start_opl=-0.1, bin_width_opl=0.25)
+    edges = 1.3 + 0.3 * np.arange(81)
+    masses = np.diff([pulse.cdf(edge - opl) for edge in edges])
+    counts = np.rint(1e5 * masses).astype(int) + 3
+    found = echoes(counts[None, None], pulse, start_opl=1.3, bin_width_opl=0.3)
+    assert found["opl"].values == pytest.approx([opl], abs=0.02)
+
+
 def test_bounds_that_bins_cannot_tell_are_infinite():
     found = echo_bounds(100.0, 0.0, Response(WIDTH / 50 / SPEED_OF_LIGHT), WIDTH)
     assert all(np.isinf(each) for each in found.values())
@@ -396,8 +407,8 @@ def test_time_axes_that_are_missing(function):
 @pytest.mark.parametrize(
     ("call", "text"),
     [
-        (lambda: coates([-1, 2], 5), "counts = -1: must be at least 0"),
-        (lambda: coates([4, 2], 5), "cycles = 5: must be at least the counts of a pixel, 6"),
+        (lambda: coates([-1, 2], 5), "counts = -1:"),
+        (lambda: coates([4, 2], 5), "cycles = 5:"),
         (
             lambda: estimate_depth(np.ones((1, 1, 5)), GAUSS, start_opl=0.0, bin_width_opl=WIDTH),
             "shorter than",
@@ -418,7 +429,7 @@ def test_time_axes_that_are_missing(function):
             lambda: estimate_depth(np.ones((1, 1, 9)), WIDE, start_opl=0.0, bin_width_opl=WIDTH),
             "shorter than",
         ),
-        (lambda: depth_bound(-1.0, 0.0, GAUSS, WIDTH), "signal = -1: must be at least 0"),
+        (lambda: depth_bound(-1.0, 0.0, GAUSS, WIDTH), "signal = -1:"),
     ],
 )
 def test_bad_input(call, text):

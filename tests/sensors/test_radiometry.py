@@ -84,17 +84,17 @@ def test_lazy_films_stay_lazy():
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"f_number": None}, "f_number = None: must be given, or photons_per_cycle"),
-        ({"pulse_energy_j": None}, "pulse_energy_j = None: must be given, or mean_power_w"),
-        ({"mean_power_w": 1.0}, "pulse_energy_j = 1e-09: .* not both"),
-        ({"photons_per_cycle": 1.0}, "lamp_power_w = 2.0: must be left out with photons"),
-        ({"background_per_cycle": 1.0}, "background_per_cycle = 1.0: must be left out without"),
-        ({"detection_efficiency": 1.2}, "detection_efficiency = 1.2: .* from 0 to 1"),
-        ({"ambient_radiance": -1.0}, "ambient_radiance = -1.0: .* at least 0"),
-        ({"wavelength_m": float("nan")}, "wavelength_m = nan: .* above 0"),
+        ({"f_number": None}, "f_number = None:"),
+        ({"pulse_energy_j": None}, "pulse_energy_j = None:"),
+        ({"mean_power_w": 1.0}, "pulse_energy_j = 1e-09:"),
+        ({"photons_per_cycle": 1.0}, "lamp_power_w = 2.0:"),
+        ({"background_per_cycle": 1.0}, "background_per_cycle = 1.0:"),
+        ({"detection_efficiency": 1.2}, "detection_efficiency = 1.2:"),
+        ({"ambient_radiance": -1.0}, "ambient_radiance = -1.0:"),
+        ({"wavelength_m": float("nan")}, "wavelength_m = nan:"),
         (
             {"pulse_energy_j": None, "mean_power_w": 1.0, "repetition_rate_hz": 4e9},
-            "repetition_rate_hz = 4000000000.0: must be at most 2.99",
+            "repetition_rate_hz = 4000000000.0:",
         ),
     ],
 )
@@ -111,8 +111,6 @@ def test_bad_datasets():
     )
     dark = make_dataset() * 0
     dark.attrs = make_dataset().attrs
-    refused(
-        "photons_per_cycle = 1: must be left out: no", expected_photons, dark, photons_per_cycle=1
-    )
+    refused("photons_per_cycle = 1:", expected_photons, dark, photons_per_cycle=1)
     gated = make_dataset(quantity="radiance per meter")
     refused("quantity = 'radiance per meter'", expected_photons, gated, photons_per_cycle=1)

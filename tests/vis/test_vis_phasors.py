@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.drawings import drawn, part_of
+from helpers.limits import lower
 from helpers.made_dataset import START, WIDTH, make_dataset
 from helpers.support import refused
 from matplotlib import pyplot as plt
@@ -320,7 +321,7 @@ def distances_in(described, samples):
 
 def test_a_notebook_plays_the_animation(monkeypatch, tmp_path):
     """Every third frame of 23 where eight are allowed; the whole animation stays as it was."""
-    monkeypatch.setattr("tofrender.vis.animation._PLAYER_FRAMES", 8)
+    lower(monkeypatch, player_frames=8)
     animation = vis.visualize_transient(np.ones((4, 6, 23)), 3.5, 0.02)
     player = animation._repr_html_()
     assert animation._repr_html_() is player
