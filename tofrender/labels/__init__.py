@@ -23,6 +23,7 @@ from .kinds import (
     PATTERN,
     PHASORS,
     PIXELS,
+    POSES,
     PYRAMID,
     RANGE_RATES,
     RATES,
@@ -34,6 +35,7 @@ from .kinds import (
     TRANSIENT,
     VOLUME,
     WAVEFORMS,
+    ZONES,
     Kind,
 )
 from .reading import (
@@ -65,6 +67,7 @@ __all__ = [
     "PATTERN",
     "PHASORS",
     "PIXELS",
+    "POSES",
     "PYRAMID",
     "RANGE_RATES",
     "RATES",
@@ -77,6 +80,7 @@ __all__ = [
     "TRANSIENT",
     "VOLUME",
     "WAVEFORMS",
+    "ZONES",
     "Bins",
     "Kind",
     "bins_of",

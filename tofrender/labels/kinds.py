@@ -85,6 +85,14 @@ FRAMES = Kind(
 )
 """Films of a moving scene, one after the other."""
 
+POSES = Kind(
+    "a Dataset of render_poses",
+    variables={"transient": ("pose", *_FILM)},
+    optional={"steady": ("pose", *_IMAGE)},
+    bins="opl",
+)
+"""Films of one scene from several poses of the camera."""
+
 PYRAMID = Kind(
     "a result of strategy_pyramid",
     variables={"steady": ("weighting", "strategy", *_IMAGE)},
@@ -137,6 +145,9 @@ PHASORS = Kind(
     real=("frequency",),
 )
 """Real and imaginary parts of phasors."""
+
+ZONES = Kind("a Dataset of MultiZone", variables={"counts": ("pose", "zone", "bin")})
+"""Photon counts of a multi-zone sensor. The bins of each zone start elsewhere."""
 
 TAPS = Kind(
     "a Dataset of Itof.frames or Itof.expected",
