@@ -103,7 +103,7 @@ class Calibration:
 def calibrate(
     sensor: MultiZone,
     renders: Annotated[xr.Dataset | Mapping[str, xr.Dataset], POSES],
-    histograms: xr.Dataset | np.ndarray,
+    histograms: Annotated[xr.Dataset | np.ndarray, ZONES],
     *,
     parameters: Sequence[str] = PARAMETERS,
     relative_error: float = 0.05,

@@ -9,6 +9,7 @@ refuses other data in one line.
 from .axes import CHANNELS, STOKES, Bins
 from .energy import energy_outside_window, with_energy
 from .kinds import (
+    BINNED,
     CAPTURE,
     CAPTURES,
     CLOUD,
@@ -20,6 +21,7 @@ from .kinds import (
     GATES,
     IMAGE,
     LIGHT,
+    PATHS,
     PATTERN,
     PHASORS,
     PIXELS,
@@ -30,6 +32,7 @@ from .kinds import (
     RECORDS,
     SENSED,
     SPECTRA,
+    STOKES_VECTORS,
     STREAK,
     TAPS,
     TRANSIENT,
@@ -52,6 +55,7 @@ from .reading import (
 )
 
 __all__ = [
+    "BINNED",
     "CAPTURE",
     "CAPTURES",
     "CHANNELS",
@@ -64,6 +68,7 @@ __all__ = [
     "GATES",
     "IMAGE",
     "LIGHT",
+    "PATHS",
     "PATTERN",
     "PHASORS",
     "PIXELS",
@@ -75,6 +80,7 @@ __all__ = [
     "SENSED",
     "SPECTRA",
     "STOKES",
+    "STOKES_VECTORS",
     "STREAK",
     "TAPS",
     "TRANSIENT",

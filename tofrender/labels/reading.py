@@ -25,8 +25,8 @@ ORDERED = {
 """Names along an axis in their order. Unknown names keep their order."""
 WHOLE = ("xyz", "axis", "part", "weighting")
 """Axes whose names must all be there: no function is defined on a choice of them."""
-MAY_BE_EMPTY = ("point",)
-"""Axes without entries that have a meaning: a scan without echoes has no points."""
+MAY_BE_EMPTY = ("point", "path")
+"""Axes without entries that have a meaning: a scan without echoes, a pixel without paths."""
 RISING = ("y", "x", "laser_y", "laser_x", "shot", "tap")
 """Axes of indices that rise."""
 OF_A_FRAME: dict[str, tuple[str, Callable[[Any], Any]]] = {
