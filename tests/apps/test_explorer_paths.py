@@ -9,7 +9,7 @@ from helpers import browser
 from helpers.refusals import refused
 
 import tofrender
-from tofrender.apps.explorer.paths import plain_paths
+from tofrender.apps.explorer.paths import path_lists, plain_paths
 
 SIZE, PIXEL = 32, (16, 25)
 OPTIONS = {"width": SIZE, "height": SIZE, "pulse_width_opl": 0.05}
@@ -33,6 +33,14 @@ def test_plain_paths_are_those_of_the_dataset(rendered):
         assert path["shapes"] == [name for name in found["shape"].values[k] if name]
         assert len(path["film"]) == len(path["shapes"])
         assert np.floor(path["film"][1]).tolist() == [*PIXEL]
+
+
+def test_axes_of_paths_are_found_by_their_names(rendered):
+    _, _, found = rendered
+    some = found.isel(path=slice(None, 9))
+    assert path_lists([some.transpose("xy", "vertex", ...)], "transient") == [plain_paths(some)]
+    with refused("paths: the axis path"):
+        path_lists([found.isel(path=0)], "transient")
 
 
 def test_a_pixel_shows_the_paths_of_its_bin(tmp_path, rendered):
@@ -130,7 +138,7 @@ def test_scenes_and_paths_must_fit(rendered):
     scene, data, found = rendered
     with refused("film of the scene = .*: must be .16, 16, 0, 0."):
         tofrender.explore(data.isel(x=slice(16), y=slice(16)), scene=scene)
-    with refused("paths = .*: must be a list of results of paths_of"):
+    with refused("paths: expected a result of paths_of, but the variable"):
         tofrender.explore(data, paths=[data])
     with refused("paths = .*: must be"):
         tofrender.explore(data, paths=found)

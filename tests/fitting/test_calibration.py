@@ -57,11 +57,13 @@ def views(poses: int, seed: int = 1, **parts: float) -> dict[str, xr.Dataset]:
     tan_x = 0.36 * (1 - 2 * (np.arange(columns) + 0.5) / columns)
     tan_y = 0.3 * (1 - 2 * (np.arange(rows) + 0.5) / rows)
     coords = {"tan_x": ("x", tan_x), "tan_y": ("y", tan_y), "opl": OPL}
+    coords["channel"] = ["L"]
     dims = ("pose", "y", "x", "opl", "channel")
 
     def part(values: np.ndarray) -> xr.Dataset:
         film = {"transient": (dims, values[..., None])}
-        return xr.Dataset(film, coords, {"quantity": "radiance per bin"})
+        attrs = {"quantity": "radiance per bin", "bin_width_opl": float(OPL[1] - OPL[0])}
+        return xr.Dataset(film, coords, attrs)
 
     return {"block": part(light * left), "cloth": part(light * ~left)}
 

@@ -20,10 +20,13 @@ import types
 import warnings
 from pathlib import Path
 
+import mitsuba as mi
 import numpy as np
 import pytest
 import xarray as xr
 from helpers.hidden_scenes import small_capture
+from helpers.parts import plane, translate
+from helpers.support import camera, scene as described
 from matplotlib.animation import FuncAnimation
 from matplotlib.figure import Figure
 
@@ -39,12 +42,20 @@ SLOW_SEQUENCES = 10
 SLOW = {
     *("light_in_flight", "measurement_figure", "plot_pixel_transient", "polarization_figure"),
     *("pyramid_figure", "range_velocity_map", "reconstruction_figure", "save_zarr"),
-    *("summary_figure", "velocity_map", "visualize_transient"),
+    *("summary_figure", "velocity_map", "visualize_transient", "fit", "lidar", "render"),
 }
 """Functions that take 20 to 200 ms. Most share their reader with faster ones."""
 
-NOT_CALLED = {"fit", "lidar", "render"}
-"""Functions that render, and are tested where their package is."""
+IN_THE_GIVEN_ORDER = {
+    *("coates", "coates_variance", "degree_of_polarization", "degree_of_linear_polarization"),
+    *("degree_of_circular_polarization", "angle_of_linear_polarization"),
+}
+"""Functions of DataArrays whose result has the axes and labels of the argument in their order."""
+
+NOT_CALLED = {
+    "calibrate": "compares renders with histograms, see test_reading_poses",
+}
+"""Functions that the property does not fit, with the reason."""
 
 PACKAGES = [
     each
@@ -78,12 +89,49 @@ OPTIONS = {
     "rebin": {"bins": 1},
     "reconstruction_errors": {"photons_per_cycle": [0.5], "methods": ["bp"], "seeds": 1},
     "save_matlab_capture": {"layout": "fk"},
+    "coates": {"cycles": 1000},
+    "lidar": {"scene": "cornell_box", "spp": 2},
+    "render": {"scene": "cornell_box", "spp": 4, "seed": 3},
+    "fit": {
+        **{"scene": lambda _: wall_and_lamp(), "params": {"lamp.intensity.value": 3.0}},
+        **{"learning_rate": 0.1, "steps": 1, "spp": 2},
+    },
 }
-"""Further parameters of functions."""
+"""Further parameters of functions, or functions that make them of the data."""
+
+RENDERED = {"size": (4, 3), "bins": 8, "start_opl": START, "bin_width": 0.7}
+OPTIONS["render"] |= RENDERED
+
+
+@functools.cache
+def wall_and_lamp():
+    """Return a scene whose camera has the pixels and bins of `film`."""
+    picture = {
+        **{"type": "transient_hdr_film", "width": 9, "height": 8, "rfilter": {"type": "box"}},
+        **{"crop_offset_x": 2, "crop_offset_y": 5, "crop_width": 3, "crop_height": 2},
+        **{"temporal_bins": 8, "start_opl": START, "bin_width_opl": WIDTH},
+    }
+    parts = {
+        "wall": plane(translate(0, 0, 0), 9),
+        "lamp": {"type": "point", "position": [0.2, -0.1, 1.9], "intensity": 2.0},
+    }
+    sensor = camera((0, 0, 1.9), (0, 0, 0), picture, fov=40)
+    return mi.load_dict(described(parts, sensor, max_depth=2))
+
+
+@functools.cache
+def few_samples():
+    """Return a render that `render` continues."""
+    options = RENDERED | {"spp": 2, "seed": 3, "progress": False}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # The window does not contain all light
+        return tofrender.render("cornell_box", **options)
+
 
 ITOF = sensors.Itof(frequencies_hz=(20e6, 50e6), contrast=0.7)
 INSTANCES = {
     "Fmcw": motion.Fmcw(bandwidth_hz=1e9, chirp_s=1e-5, wavelength_m=1.55e-6),
+    "MultiZone": dataclasses.replace(sensors.MultiZone.preset("tmf8820"), bins=20),
     "GatedCamera": sensors.GatedCamera(delays_opl=[3.5], width_s=1e-9),
     "Itof": ITOF,
     "Spad": sensors.Spad(),
@@ -142,6 +190,14 @@ def frames():
     """Return two frames."""
     parts = [film(bins=4), film(bins=4) * 2]
     return labeled(xr.concat(parts, xr.DataArray([0.0, 0.5], dims="frame", name="frame")))
+
+
+def poses():
+    """Return renders of three poses."""
+    parts = [film(bins=4), film(bins=4) * 2, film(bins=4) * 3]
+    made = xr.concat(parts, xr.DataArray([0, 1, 2], dims="pose", name="pose"))
+    tangents = {"tan_x": ("x", [0.3, 0.05, -0.2]), "tan_y": ("y", [0.2, -0.1])}
+    return labeled(made.assign_coords(tangents))
 
 
 def pyramid():
@@ -239,6 +295,7 @@ def sensed(sensor):
 RATES = sensors.expected_photons(film(bins=12), photons_per_cycle=1.0, background_per_cycle=0.5)
 CAPTURE = small_capture().isel(x=slice(3), y=slice(2), opl=slice(8))
 EXAMPLES = {
+    "BINNED": [RATES["rate"]],
     "CAPTURE": [CAPTURE],
     "CAPTURES": [captures()],
     "CLOUD": [cloud()],
@@ -256,12 +313,15 @@ EXAMPLES = {
         .to_dataset(name="I")
         .assign(Q=lambda d: 1 - d["I"])
     ],
+    "PATTERN": [tofrender.scan_pattern("raster", shots=(3, 2))],
     "PIXELS": [film()["steady"].isel(channel=0, drop=True) - 3.0],
+    "POSES": [poses()],
     "PYRAMID": [pyramid()],
     "RANGE_RATES": [range_rates()],
     "RATES": [RATES],
     "RECORDS": [records()],
     "SPECTRA": [INSTANCES["Fmcw"].spectra(range_rates().isel(y=[0]))],
+    "STOKES_VECTORS": [film(stokes=True)["steady"]],
     "STREAK": [sensed({"streak": {"sweep_opl": 0.25}})],
     "TAPS": [sensed({"itof": {"frequencies_hz": [20e6, 50e6], "contrast": 0.7}})],
     "TRANSIENT": [film(), film(stokes=True)],
@@ -272,11 +332,18 @@ EXAMPLES = {
 
 EXAMPLES_OF = {
     "denoise": [film(bins=4, halves=True)],
+    "fit": [film()],
     "estimate_depth": [sensors.Spad().histogram(RATES, 900, 1)],
     "echoes": [sensors.Spad().histogram(RATES, 900, 1)],
     "save_matlab_capture": [small_capture().isel(x=slice(3), y=slice(3), opl=slice(8))],
 }
 """Those of single functions."""
+
+
+def metadata_of(annotation):
+    """Return what `Annotated` adds to a type, or to a type within it."""
+    inner = [each for one in getattr(annotation, "__args__", ()) for each in metadata_of(one)]
+    return [*getattr(annotation, "__metadata__", ()), *inner]
 
 
 def kinds_of(function, parameter):
@@ -286,8 +353,7 @@ def kinds_of(function, parameter):
         found = re.search(r"Annotated\[.*, (\w+)\]", annotation)
         metadata = [found and inspect.unwrap(function).__globals__.get(found[1])]
     else:
-        inner = [annotation, *getattr(annotation, "__args__", ())]
-        metadata = [each for one in inner for each in getattr(one, "__metadata__", ())]
+        metadata = metadata_of(annotation)
     kinds = [each for each in metadata if isinstance(each, Kind | tuple)]
     kinds = kinds[0] if kinds else ()
     return (kinds if isinstance(kinds, tuple) else (kinds,)), "Sequence[" in str(annotation)
@@ -312,7 +378,7 @@ def found_functions():
                 for parameter in inspect.signature(function).parameters.values():
                     kinds, is_sequence = kinds_of(function, parameter)
                     if kinds and key not in NOT_CALLED:
-                        found[key] = function, kinds, is_sequence
+                        found.setdefault(key, (function, kinds, is_sequence))
     return found
 
 
@@ -336,9 +402,13 @@ def called(name, data, folder):
         if each.name != labeled
         if each.name in VALUES and (each.default is each.empty or each.name in OPTIONAL)
     }
-    options = {key: f(data) if inspect.isfunction(f) else f for key, f in options.items()}
     options |= OPTIONS.get(name, {})
+    options = {key: f(data) if inspect.isfunction(f) else f for key, f in options.items()}
     given = [data, data.assign_attrs(seed=4)] if is_sequence else data
+    if name in IN_THE_GIVEN_ORDER:
+        result = function(**{labeled: given}, **options)
+        like = EXAMPLES["BINNED"][0] if "bin" in result.dims else film()["steady"]
+        return rebuilt(result, like)
     if name not in LOADERS:
         return function(**{labeled: given}, **options)
     load, suffix = LOADERS[name]
@@ -442,7 +512,7 @@ ORDERS = {
     **{"channel": ["R", "G", "B", "L"], "stokes": ["S0", "S1", "S2", "S3"]},
     **{"weighting": ["mis", "none"], "part": ["I", "Q"]},
 }
-GIVEN = ("frame", "strategy", "point")
+GIVEN = ("frame", "strategy", "point", "pose")
 """Axes whose order means something, and stays."""
 
 
@@ -527,6 +597,8 @@ def arrays_of(result):
         return arrays | {name: result.attrs[name] for name in names if name in result.attrs}
     if isinstance(result, xr.DataArray):
         return {"array": result}
+    if isinstance(result, tofrender.Fit):
+        return {"losses": result.losses, **result.values}
     if dataclasses.is_dataclass(result):
         return dataclasses.asdict(result)
     return dict(enumerate(result if isinstance(result, tuple) else [result]))
@@ -565,9 +637,26 @@ def require_own_refusal(error):
 
 def examples_of(name):
     """Return small Datasets of the kinds that a function takes."""
+    if name == "render":
+        few = few_samples()
+        if id(few) not in INDICES:
+            INDICES[id(few)] = len(ALL)
+            ALL.append(few)
+        return [few]
     own = EXAMPLES_OF.get(name)
     kinds = FUNCTIONS[name][1]
     return own or [each for kind in kinds for each in EXAMPLES[NAMES[id(kind)]]]
+
+
+def test_datasets_have_a_kind():
+    """A parameter that is annotated as a Dataset names its kind, so that its function is found."""
+    for package in PACKAGES:
+        for name in getattr(package, "__all__", ()):
+            for key, function in methods_of(name, getattr(package, name)).items():
+                for parameter in inspect.signature(function).parameters.values():
+                    if re.search("Dataset|DataArray", str(parameter.annotation)):
+                        kinds, _ = kinds_of(function, parameter)
+                        assert kinds, f"{key}: annotate {parameter.name} with a kind"
 
 
 def test_functions_are_found():

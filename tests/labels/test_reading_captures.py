@@ -116,3 +116,10 @@ def test_labeled_arrays_are_found_by_their_axes():
     found = make_capture(mixed["transient"], **given, **arrays)
     xr.testing.assert_identical(found, capture)
     refused("axis y", make_capture, mixed["transient"].rename(y="row"), **given, **arrays)
+    later = {"start_opl": given["start_opl"] + 4 * given["bin_width_opl"]}
+    part = make_capture(mixed["transient"].isel(opl=slice(None, -4)), **given | later, **arrays)
+    np.testing.assert_array_equal(part["transient"], capture["transient"][:, :, 4:])
+    moved = mixed["transient"].isel(opl=slice(None, -4))
+    refused("transient: the bins in the coordinate opl", make_capture, moved, **given, **arrays)
+    arrays["sensor_grid"] = mixed["sensor_grid"].assign_coords(x=mixed["x"].values + 1)
+    refused("sensor_grid: the axis x", make_capture, mixed["transient"], **given, **arrays)

@@ -37,8 +37,10 @@ def views(light: np.ndarray, width=0.35, height=0.25) -> xr.Dataset:
     tan_x = width * (1 - 2 * (np.arange(columns) + 0.5) / columns) + 0.02
     tan_y = height * (1 - 2 * (np.arange(rows) + 0.5) / rows)
     coords = {"tan_x": ("x", tan_x), "tan_y": ("y", tan_y), "opl": OPL[: light.shape[3]]}
+    coords["channel"] = ["R", "G"]
     film = ("pose", "y", "x", "opl", "channel"), np.stack([light, 3 * light], axis=-1) / 2
-    return xr.Dataset({"transient": film}, coords, {"quantity": "radiance per bin"})
+    attrs = {"quantity": "radiance per bin", "bin_width_opl": float(OPL[1] - OPL[0])}
+    return xr.Dataset({"transient": film}, coords, attrs)
 
 
 def flash(at: int, rows=40, columns=60) -> np.ndarray:

@@ -22,6 +22,7 @@ from ..rendering.cubes import Cube
 from ..rendering.dataset import LOST_ENERGY, QUANTITIES
 from ..runtime import checks
 from ..runtime.progress import status
+from ..signals.labeled import channels_last, frequencies_first, of_same_axes
 from ..signals.phasors import phasor_parts
 from ..signals.units import SPEED_OF_LIGHT, check_below_limit, check_frequencies
 
@@ -133,7 +134,7 @@ def sum_channels(
     would have the same weight as bright channels.
 
     Args:
-        I: Real part, channels last.
+        I: Real part, channels last; of a DataArray, the channels are the axis `channel`.
         Q: Imaginary part, of the same shape.
         frequency_hz: As for `phasor_parts`.
 
@@ -149,6 +150,11 @@ def sum_channels(
         >>> phase.shape, round(phase[0, 0, 0].item(), 4)
         ((2, 2, 1), 3.1083)
     """
+    I, Q = of_same_axes({"I": channels_last("I", I), "Q": Q})
+    frequencies, many = check_frequencies(frequency_hz)
+    if many:
+        I = frequencies_first("I", I, frequencies)
+        Q = frequencies_first("Q", Q, frequencies)
     parts = [checks.real_array(name, values) for name, values in (("I", I), ("Q", Q))]
     shapes = [values.shape for values in parts]
     if shapes[0] != shapes[1] or not shapes[0]:

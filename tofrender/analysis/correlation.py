@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..runtime import checks
+from ..signals.labeled import of_same_axes
 from ..signals.phasors import wrap
 
 
@@ -44,6 +45,7 @@ def four_bucket(
         [1.5, 2.0, 1.5, 1.0]
     """
     # Check the phasors
+    I, Q, offset = of_same_axes({"I": I, "Q": Q, "offset": offset})
     I = checks.real_array("I", I, np.float64)
     Q = checks.real_array("Q", Q, np.float64)
     if I.shape != Q.shape:
@@ -99,7 +101,8 @@ def from_four_bucket(
     """
     contrast = checks.number("contrast", contrast, positive=True, high=1)
     named = {"B0": B0, "B90": B90, "B180": B180, "B270": B270}
-    buckets = [checks.real_array(name, bucket, np.float64) for name, bucket in named.items()]
+    aligned = zip(named, of_same_axes(named), strict=True)
+    buckets = [checks.real_array(name, bucket, np.float64) for name, bucket in aligned]
     shapes = [bucket.shape for bucket in buckets]
     if len(set(shapes)) > 1:
         raise ValueError(f"B0, B90, B180, B270 with shapes {shapes}: must be equal")
@@ -142,6 +145,7 @@ def multipath_error(depth: Any, true_depth: Any, range_m: float | None = None) -
         (array([[-0.2,  0.1]]), -0.05)
     """
     # Read both depths
+    depth, true_depth = of_same_axes({"depth": depth, "true_depth": true_depth})
     depth = checks.real_array("depth", depth, np.float64)
     true_depth = checks.real_array("true_depth", true_depth, np.float64)
     truth = true_depth[..., None] if depth.ndim == true_depth.ndim + 1 == 3 else true_depth

@@ -1,10 +1,10 @@
 """Degrees and angles of polarization of Stokes vectors."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from ..labels import STOKES
+from ..labels import STOKES, STOKES_VECTORS
 from ..runtime import checks
 from ..signals.phasors import wrap
 
@@ -12,7 +12,7 @@ from ..signals.phasors import wrap
 AXIS = -2
 
 
-def degree_of_polarization(stokes: Any, axis: int = AXIS) -> Any:
+def degree_of_polarization(stokes: Annotated[Any, STOKES_VECTORS], axis: int = AXIS) -> Any:
     """Return the degree of polarization, sqrt(S1² + S2² + S3²) / S0.
 
     Args:
@@ -34,7 +34,7 @@ def degree_of_polarization(stokes: Any, axis: int = AXIS) -> Any:
     return _apply(stokes, axis, lambda s0, s1, s2, s3: _over(np.sqrt(s1**2 + s2**2 + s3**2), s0))
 
 
-def degree_of_linear_polarization(stokes: Any, axis: int = AXIS) -> Any:
+def degree_of_linear_polarization(stokes: Annotated[Any, STOKES_VECTORS], axis: int = AXIS) -> Any:
     """Return the degree of linear polarization, sqrt(S1² + S2²) / S0.
 
     Arguments, result and errors are as for `degree_of_polarization`.
@@ -46,7 +46,9 @@ def degree_of_linear_polarization(stokes: Any, axis: int = AXIS) -> Any:
     return _apply(stokes, axis, lambda s0, s1, s2, s3: _over(np.hypot(s1, s2), s0))
 
 
-def degree_of_circular_polarization(stokes: Any, axis: int = AXIS) -> Any:
+def degree_of_circular_polarization(
+    stokes: Annotated[Any, STOKES_VECTORS], axis: int = AXIS
+) -> Any:
     """Return the signed degree of circular polarization, S3 / S0, from -1 to 1.
 
     Arguments, result and errors are as for `degree_of_polarization`.
@@ -58,7 +60,7 @@ def degree_of_circular_polarization(stokes: Any, axis: int = AXIS) -> Any:
     return _apply(stokes, axis, lambda s0, s1, s2, s3: _over(s3, s0))
 
 
-def angle_of_linear_polarization(stokes: Any, axis: int = AXIS) -> Any:
+def angle_of_linear_polarization(stokes: Annotated[Any, STOKES_VECTORS], axis: int = AXIS) -> Any:
     """Return the angle of linear polarization, atan2(S2, S1) / 2, in [0, pi).
 
     The angle is measured from the right of the picture towards its top: 0 across the sensor's `up`,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime import checks
+from ..signals.labeled import frequencies_first, of_same_axes
 from ..signals.units import SPEED_OF_LIGHT, check_frequencies
 
 # Largest number of wraps of the highest frequency that `unwrap` searches
@@ -89,6 +90,8 @@ def unwrap(
         raise ValueError(
             f"frequencies_hz = {checks.quote(frequencies_hz)}: must hold two or more frequencies"
         )
+    phases = frequencies_first("phases", phases, frequencies)
+    phases, amplitudes = of_same_axes({"phases": phases, "amplitudes": amplitudes})
     phases = checks.real_array("phases", phases, np.float64)
     if phases.shape[:1] != (len(frequencies),):
         raise ValueError(

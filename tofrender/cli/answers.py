@@ -98,11 +98,13 @@ def answer(command: str, as_json: bool, facts: Any, lines: Iterable[str]) -> Non
 
 def dataset_facts(command: str, dataset: "xr.Dataset", more: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values of a command's schema from the attributes of a Dataset and from `more`."""
+    from ..labels import bins_of  # Slow: --help does not need xarray
+
     found: dict[str, Any] = {
         "complete": 1,
         **dataset.attrs,
         "bins": dataset.sizes["opl"],
-        "bin_width": dataset.attrs["bin_width_opl"],
+        "bin_width": bins_of(dataset, "dataset").bin_width_opl,
         **more,
     }
     return {name: convert(found[name]) for name, convert in SCHEMAS[command].items()}

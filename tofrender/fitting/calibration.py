@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 from scipy import optimize
 
+from ..labels import POSES, ZONES, read
 from ..runtime import checks
 from ..runtime.progress import status
 from ..sensors.multi_zone import Light, MultiZone
@@ -101,8 +102,8 @@ class Calibration:
 
 def calibrate(
     sensor: MultiZone,
-    renders: xr.Dataset | Mapping[str, xr.Dataset],
-    histograms: xr.Dataset | np.ndarray,
+    renders: Annotated[xr.Dataset | Mapping[str, xr.Dataset], POSES],
+    histograms: Annotated[xr.Dataset | np.ndarray, ZONES],
     *,
     parameters: Sequence[str] = PARAMETERS,
     relative_error: float = 0.05,
@@ -129,6 +130,7 @@ def calibrate(
         renders: The known scenes, as from `render_poses`, see `MultiZone.expected`. Several parts
             by name, each rendered alone with the same albedo, are added with fitted albedos.
         histograms: Measured counts (poses, zones, bins), a NumPy array or a Dataset with `counts`.
+            A Dataset must have the poses of the renders, with the same labels in the same order.
         parameters: Names of the fitted parameters. Other parameters are kept. "pulse" means the
             values of a `KnotPulse`.
         relative_error: Error of the model over the counts, 0 to 1.
@@ -169,6 +171,11 @@ def calibrate(
     checks.instance("renders", parts, Mapping, "a Dataset of render_poses, or parts by name")
     checks.require("renders", parts, len(parts) > 0, "a Dataset of render_poses, or parts by name")
     lights = {name: Light.of(each) for name, each in parts.items()}
+    named = {f"renders of {name}": each for name, each in parts.items()}
+    if isinstance(histograms, xr.Dataset):
+        named["histograms"] = read(histograms, ZONES, "histograms")
+        histograms = named["histograms"]["counts"].values
+    _require_same_poses(named)
     counts = _counts(histograms, lights, sensor)
     last = sensor.bins - 1 if last_bin is None else last_bin
     last = checks.integer("last_bin", last, 0, sensor.bins - 1)
@@ -211,11 +218,21 @@ def _parameters(parameters: Any, sensor: MultiZone) -> list[str]:
     return [name for name in PARAMETERS if name in parameters]
 
 
+def _require_same_poses(named: Mapping[str, xr.Dataset]) -> None:
+    """Refuse Datasets whose poses have different labels, or another order."""
+    labels = {name: each.indexes["pose"] for name, each in named.items() if "pose" in each.indexes}
+    for name, found in labels.items():
+        first, expected = next(iter(labels.items()))
+        if not found.equals(expected):
+            raise ValueError(
+                f"{name}: the axis pose has the labels {checks.quote(found.tolist())}, but "
+                f"{checks.quote(expected.tolist())} in {first}. Select the same poses in the same "
+                "order"
+            )
+
+
 def _counts(histograms: Any, lights: Mapping[str, Light], sensor: MultiZone) -> np.ndarray:
     """Check measured counts and return them as float64 (poses, zones, bins)."""
-    if isinstance(histograms, xr.Dataset):
-        checks.require("histograms", histograms, "counts" in histograms, "a Dataset with counts")
-        histograms = histograms["counts"].transpose("pose", "zone", "bin").values
     counts = checks.finite("histograms", checks.real_array("histograms", histograms, np.float64))
     shapes = {name: light.radiance.shape[0] for name, light in lights.items()}
     zones = len(sensor.gains)
@@ -227,7 +244,9 @@ def _counts(histograms: Any, lights: Mapping[str, Light], sensor: MultiZone) -> 
     # All parts must have the same pixels and bins
     first = next(iter(lights.values()))
     for name, light in lights.items():
-        same = light.radiance.shape == first.radiance.shape and np.allclose(light.opl, first.opl)
+        same = light.radiance.shape == first.radiance.shape
+        for axis in ("opl", "edges_x", "edges_y"):
+            same = same and np.allclose(getattr(light, axis), getattr(first, axis))
         if not same:
             raise ValueError(f"renders: {name} has other pixels or bins than the first part")
     return counts

@@ -9,6 +9,7 @@ refuses other data in one line.
 from .axes import CHANNELS, STOKES, Bins
 from .energy import energy_outside_window, with_energy
 from .kinds import (
+    BINNED,
     CAPTURE,
     CAPTURES,
     CLOUD,
@@ -20,20 +21,24 @@ from .kinds import (
     GATES,
     IMAGE,
     LIGHT,
+    PATHS,
     PATTERN,
     PHASORS,
     PIXELS,
+    POSES,
     PYRAMID,
     RANGE_RATES,
     RATES,
     RECORDS,
     SENSED,
     SPECTRA,
+    STOKES_VECTORS,
     STREAK,
     TAPS,
     TRANSIENT,
     VOLUME,
     WAVEFORMS,
+    ZONES,
     Kind,
 )
 from .reading import (
@@ -50,6 +55,7 @@ from .reading import (
 )
 
 __all__ = [
+    "BINNED",
     "CAPTURE",
     "CAPTURES",
     "CHANNELS",
@@ -62,9 +68,11 @@ __all__ = [
     "GATES",
     "IMAGE",
     "LIGHT",
+    "PATHS",
     "PATTERN",
     "PHASORS",
     "PIXELS",
+    "POSES",
     "PYRAMID",
     "RANGE_RATES",
     "RATES",
@@ -72,11 +80,13 @@ __all__ = [
     "SENSED",
     "SPECTRA",
     "STOKES",
+    "STOKES_VECTORS",
     "STREAK",
     "TAPS",
     "TRANSIENT",
     "VOLUME",
     "WAVEFORMS",
+    "ZONES",
     "Bins",
     "Kind",
     "bins_of",

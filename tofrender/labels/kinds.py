@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Kind:
     """Kind of Dataset.
 
@@ -48,6 +48,14 @@ IMAGE = Kind("a DataArray with the axes y, x and channel", variables={"array": _
 LIGHT = Kind("a DataArray with the axes y, x, opl and channel", variables={"array": _FILM})
 """Time-resolved light without the other variables of a film."""
 
+BINNED = Kind(
+    "a DataArray with an axis bin or opl", variables={"array": (*_PIXELS, "bin")}, bins="bin"
+)
+"""Numbers in time bins. Other axes may have any names."""
+
+STOKES_VECTORS = Kind("a DataArray with an axis stokes", variables={"array": _IMAGE})
+"""Stokes vectors. Other axes may have any names."""
+
 _ERRORS = {"transient_error": _FILM, "steady_error": _IMAGE}
 
 FILM = Kind(
@@ -84,6 +92,14 @@ FRAMES = Kind(
     bins="opl",
 )
 """Films of a moving scene, one after the other."""
+
+POSES = Kind(
+    "a Dataset of render_poses",
+    variables={"transient": ("pose", *_FILM)},
+    optional={"steady": ("pose", *_IMAGE)},
+    bins="opl",
+)
+"""Films of one scene from several poses of the camera."""
 
 PYRAMID = Kind(
     "a result of strategy_pyramid",
@@ -137,6 +153,9 @@ PHASORS = Kind(
     real=("frequency",),
 )
 """Real and imaginary parts of phasors."""
+
+ZONES = Kind("a Dataset of MultiZone", variables={"counts": ("pose", "zone", "bin")})
+"""Photon counts of a multi-zone sensor. The bins of each zone start elsewhere."""
 
 TAPS = Kind(
     "a Dataset of Itof.frames or Itof.expected",
@@ -210,6 +229,17 @@ CAPTURES = Kind(
     variables={"capture": ("record", "wall_y", "wall_x", "capture_opl", "channel")},
 )
 """Captures of a data set. The mode decides on the axes of the laser, see `nlos.captures`."""
+
+PATHS = Kind(
+    "a result of paths_of",
+    variables={
+        "opl": ("path",),
+        "radiance": ("path", "channel"),
+        "vertex_opl": ("path", "vertex"),
+        "on_film": ("path", "vertex", "xy"),
+    },
+)
+"""Light paths of a pixel. The names of shapes have the axes `path` and `vertex`, too."""
 
 CLOUD = Kind("a Dataset of point_cloud", variables=dict.fromkeys("xyz", ("point",)))
 """Points [m], with further columns along the axis `point`."""

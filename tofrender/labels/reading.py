@@ -25,8 +25,8 @@ ORDERED = {
 """Names along an axis in their order. Unknown names keep their order."""
 WHOLE = ("xyz", "axis", "part", "weighting")
 """Axes whose names must all be there: no function is defined on a choice of them."""
-MAY_BE_EMPTY = ("point",)
-"""Axes without entries that have a meaning: a scan without echoes has no points."""
+MAY_BE_EMPTY = ("point", "path")
+"""Axes without entries that have a meaning: a scan without echoes, a pixel without paths."""
 RISING = ("y", "x", "laser_y", "laser_x", "shot", "tap")
 """Axes of indices that rise."""
 OF_A_FRAME: dict[str, tuple[str, Callable[[Any], Any]]] = {
@@ -160,7 +160,13 @@ def bins_of(data: xr.Dataset | xr.DataArray, parameter: str, axis: str = "opl") 
 
 
 def even_axis(
-    data: xr.Dataset, axis: str, parameter: str, width: float | None = None
+    data: xr.Dataset,
+    axis: str,
+    parameter: str,
+    *,
+    stated: str = "",
+    overlap: bool = False,
+    width: float | None = None,
 ) -> tuple[float, float]:
     """Return the start of the first bin, and the width of the bins, along an axis of numbers.
 
@@ -168,17 +174,33 @@ def even_axis(
         data: A Dataset.
         axis: Name of the coordinate with the centers of the bins.
         parameter: Name of the function's parameter, for messages.
-        width: Width of a single bin. None if two bins or more are needed.
+        stated: Name of the attribute with the width of a bin, "" without one.
+        overlap: Whether the distance of bins may differ from their width, as for gates.
+        width: Width of a single bin without a stated width. None if two bins or more are needed.
 
     Raises:
-        ValueError: The centers are not finite, or they do not rise in equal steps.
+        ValueError: The centers are not finite, or they do not rise in steps of the width.
     """
+    # Read the stated width
+    number: Any = data.attrs.get(stated)
+    known = float(number) if isinstance(number, float | int | np.number) else None
+
+    # A single bin has the stated width
     centers = np.asarray(data[axis].values, np.float64)
-    if len(centers) > 1:
-        width = float(centers[-1] - centers[0]) / (len(centers) - 1)
-        _require_even_steps(np.diff(centers), width, axis, parameter)
-    elif width is None:
-        raise ValueError(f"{parameter}: the axis {axis} has one entry only. Select two or more")
+    if len(centers) == 1:
+        single = width if known is None else known
+        if single is None:
+            raise ValueError(f"{parameter}: the axis {axis} has one entry only. Select two or more")
+        return float(centers[0]) - single / 2, single
+
+    # Other bins must be as wide as their distance
+    width = float(centers[-1] - centers[0]) / (len(centers) - 1)
+    _require_even_steps(np.diff(centers), width, axis, parameter)
+    if known is not None and not overlap and not np.isclose(width, known, SAME_WIDTH, atol=0):
+        raise ValueError(
+            f"{parameter}: the bins of {axis} are {width:g} apart, but {known:g} wide. Use fewer "
+            "bins in the simulation instead of coarsen; do not skip bins"
+        )
     return float(centers[0]) - width / 2, width
 
 

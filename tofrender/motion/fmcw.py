@@ -384,11 +384,5 @@ def axis_of(film: xr.Dataset, axis: str, name: str = "film") -> Axis:
     The attributes of a film of `range_rate` contain the widths of its bins. Therefore gaps are
     found.
     """
-    start, width = even_axis(film, axis, name)
-    stated = film.attrs.get(f"bin_width_{axis}", width)
-    if not np.isclose(width, stated, rtol=1e-3, atol=0):
-        raise ValueError(
-            f"{name}: the bins of {axis} are {width:g} apart, but {stated:g} wide. Render fewer "
-            "bins instead of coarsen; do not skip bins"
-        )
+    start, width = even_axis(film, axis, name, stated=f"bin_width_{axis}")
     return Axis(count=film.sizes[axis], start=start, width=width)

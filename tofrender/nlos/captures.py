@@ -101,7 +101,9 @@ def make_capture(
 
     # Read the light
     dims = dimensions(mode)["transient"]
-    transient = _in_axis_order("transient", transient, dims)
+    labels: dict[str, Any] = {}
+    _require_bins(transient, start, width)
+    transient = _in_axis_order("transient", transient, dims, labels)
     values = checks.real_array("transient", transient, np.float32)
 
     # Read further attributes. Files store this boolean as an integer
@@ -142,7 +144,9 @@ def make_capture(
     }
     variables = {}
     for name, axes in dimensions(mode).items():
-        array = checks.real_array(name, _in_axis_order(name, arrays[name], axes), np.float32)
+        array = checks.real_array(
+            name, _in_axis_order(name, arrays[name], axes, labels), np.float32
+        )
         valid = array.ndim == len(axes) and (axes[-1] != "xyz" or array.shape[-1] == 3)
         checks.shape(name, array, valid, f"{axes}, xyz of size 3")
         variables[name] = (axes, array if name == "transient" else array.copy())
@@ -150,7 +154,7 @@ def make_capture(
     # Check the mask; a mask without a dark pixel is omitted
     if on_wall is not None:
         try:
-            mask = np.asarray(_in_axis_order("on_wall", on_wall, _PIXELS))
+            mask = np.asarray(_in_axis_order("on_wall", on_wall, _PIXELS, labels))
         except (TypeError, ValueError):
             mask = np.array(None)
         valid = mask.dtype == bool and mask.ndim == 2
@@ -186,10 +190,27 @@ def make_capture(
     return capture
 
 
-def _in_axis_order(name: str, values: Any, axes: tuple[str, ...]) -> Any:
+def _require_bins(transient: Any, start: float, width: float) -> None:
+    """Refuse labeled light whose coordinate `opl` has other bins than the given numbers."""
+    import xarray as xr
+
+    if not isinstance(transient, xr.DataArray) or "opl" not in transient.indexes:
+        return
+    centers = np.sort(transient["opl"].values.astype(np.float64))
+    expected = start + (np.arange(centers.size) + 0.5) * width
+    if not np.allclose(centers, expected, rtol=0, atol=1e-3 * width):
+        raise ValueError(
+            f"transient: the bins in the coordinate opl begin at {centers[0]:g} m, but start_opl "
+            f"and bin_width_opl give {expected[0]:g} to {expected[-1]:g} m. Pass the start and the "
+            "width of these bins"
+        )
+
+
+def _in_axis_order(name: str, values: Any, axes: tuple[str, ...], labels: dict[str, Any]) -> Any:
     """Return the values of a DataArray with its axes, and the labels of each axis, in order.
 
-    Arrays without labels are returned unchanged. The axis of channels is optional.
+    Arrays without labels are returned unchanged. The axis of channels is optional. `labels`
+    collects the labels of pixels and laser spots, which must be the same in all arrays.
     """
     import xarray as xr
 
@@ -200,6 +221,15 @@ def _in_axis_order(name: str, values: Any, axes: tuple[str, ...]) -> Any:
     found = read(xr.Dataset({name: values}), kind, "make_capture")[name]
     if "opl" in found.coords and found["opl"].dims == ("opl",):
         found = found.sortby("opl")
+
+    # Do the arrays have the same pixels?
+    for axis in {*_PIXELS, *_LASERS} & found.indexes.keys():
+        own = found[axis].values
+        if not np.array_equal(labels.setdefault(axis, own), own):
+            raise ValueError(
+                f"{name}: the axis {axis} has other labels than in arrays before it. Select the "
+                "same part of all arrays"
+            )
     return found.values
 
 

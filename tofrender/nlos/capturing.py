@@ -15,6 +15,7 @@ from ..films.recording import warn_not_finite
 from ..films.windowed import transient_film
 from ..integrators.passes import SampleRange, best_sampler, steps
 from ..integrators.running import interrupted, made_with, run
+from ..labels import bins_of
 from ..rendering.collecting import ArrayStore, collect
 from ..rendering.job import Job, dataset_of, decide, remaining
 from ..rendering.settings import RenderSettings
@@ -173,8 +174,9 @@ def capture(
             result = collect(job, client, checkpoint, progress)
         dataset = dataset_of(job, result)
         values = dataset["transient"].values
-        start = dataset.attrs["start_opl"]
-        width = dataset.attrs["bin_width_opl"]
+        bins = bins_of(dataset, "the render")
+        start = bins.start_opl
+        width = bins.bin_width_opl
         attrs |= {k: dataset.attrs[k] for k in RENDER_ATTRIBUTES}
         if mode == "single":
             geometry["laser_grid"], geometry["laser_normals"] = trace_laser_spot(scene, setup.wall)

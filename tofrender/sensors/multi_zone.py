@@ -10,12 +10,13 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
 from scipy.special import ndtr
 
+from ..labels import POSES, intensity, read, require_consecutive
 from ..runtime import checks
 from ..runtime.tables import known_keys, read_toml, table
 from ..signals.pulses import KnotPulse, SampledPulse
@@ -138,7 +139,7 @@ class MultiZone:
         made = KnotPulse(**pulse) if is_knots else SampledPulse(**pulse)
         return cls(pulse=made, **given)
 
-    def expected(self, renders: xr.Dataset) -> xr.Dataset:
+    def expected(self, renders: Annotated[xr.Dataset, POSES]) -> xr.Dataset:
         """Return the expected counts of all zones and bins.
 
         Args:
@@ -157,7 +158,7 @@ class MultiZone:
         counts = self.binned(self.responses(light.opl), signal)
         return self._labeled(counts, renders)
 
-    def measure(self, renders: xr.Dataset, seed: int = 0) -> xr.Dataset:
+    def measure(self, renders: Annotated[xr.Dataset, POSES], seed: int = 0) -> xr.Dataset:
         """Return counts with photon noise, see `expected` for the argument and the result."""
         found = self.expected(renders)
         drawn = generator(seed).poisson(found["counts"].values)
@@ -217,10 +218,9 @@ class Light:
     @classmethod
     def of(cls, renders: Any) -> Light:
         """Check a Dataset and read its light."""
-        is_poses = isinstance(renders, xr.Dataset) and {"transient", "tan_x", "tan_y"} <= set(
-            renders.variables
-        )
-        if not is_poses:
+        renders = read(renders, POSES, "renders")
+        require_consecutive(renders, "renders")
+        if not {"tan_x", "tan_y"} <= set(renders.variables):
             raise ValueError(
                 "renders: expected a Dataset of render_poses with a perspective camera, which has "
                 "the coordinates tan_x and tan_y"
@@ -232,11 +232,9 @@ class Light:
             raise ValueError(
                 f"renders have the pulse {pulse}. Render without a pulse, the sensor has its own"
             )
+
         # Average channels of the intensity
-        film = renders["transient"]
-        if "stokes" in film.dims:
-            film = film.sel(stokes="S0", drop=True)
-        film = film.mean("channel", dtype=np.float64).transpose("pose", "y", "x", "opl")
+        film = intensity(renders["transient"], "renders").mean("channel", dtype=np.float64)
 
         # Geometry of the pixels
         tan_x = renders["tan_x"].values
@@ -244,7 +242,7 @@ class Light:
         cos4 = 1 / (1 + tan_x**2 + tan_y[:, None] ** 2) ** 2
         opl = np.asarray(renders["opl"].values, np.float64)
         return cls(
-            radiance=film.values,
+            radiance=np.ascontiguousarray(film.values),
             opl=opl,
             edges_x=_edges("x", tan_x),
             edges_y=_edges("y", tan_y),

@@ -1,9 +1,10 @@
 """First photons of laser cycles, and the correction of pile-up."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from ..labels import BINNED
 from ..runtime import checks
 from .histograms import along_bins
 from .rates import at_least_0
@@ -22,7 +23,7 @@ def first_photon(rates: np.ndarray) -> np.ndarray:
     return np.exp(rates - np.cumsum(rates, axis=-1)) * -np.expm1(-rates)
 
 
-def coates(counts: Any, cycles: int) -> Any:
+def coates(counts: Annotated[Any, BINNED], cycles: int) -> Any:
     """Estimate rates from a histogram of first photons, which is distorted by pile-up.
 
         rate_k = -ln(1 - N_k / (cycles - sum of N before k))
@@ -52,7 +53,7 @@ def coates(counts: Any, cycles: int) -> Any:
     return along_bins("counts", corrected, counts)
 
 
-def coates_variance(rates: Any, cycles: int) -> Any:
+def coates_variance(rates: Annotated[Any, BINNED], cycles: int) -> Any:
     """Return the variance of `coates`, which attains the Cramér-Rao bound.
 
         (exp(rate_k) - 1) / (cycles exp(-sum of rates before k))

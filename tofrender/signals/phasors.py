@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..runtime import checks
+from .labeled import frequencies_first, of_same_axes
 from .units import SPEED_OF_LIGHT, check_frequencies
 
 
@@ -39,42 +40,6 @@ def phase_of(I: Any, Q: Any) -> np.ndarray:
     """
     phase = np.arctan2(Q, I)
     return np.where(phase <= -math.pi, math.pi, phase)
-
-
-def _frequencies_first(name: str, values: Any, frequencies: Sequence[float]) -> Any:
-    """Bring the axis `frequency` of a DataArray to the front; others stay as they are."""
-    import xarray as xr  # Slow: rendering does not need it
-
-    if not isinstance(values, xr.DataArray):
-        return values
-    if "frequency" not in values.dims:
-        raise ValueError(
-            f"{name} has the axes {tuple(values.dims)}, without frequency. Pass frequency_hz as a "
-            "number, or name the axis of the frequencies: rename(...='frequency')"
-        )
-    given = values["frequency"].values
-    if "frequency" in values.coords and not np.array_equal(given, frequencies):
-        raise ValueError(
-            f"{name} has the frequencies {given.tolist()} Hz, but frequency_hz differs. Pass "
-            "frequency_hz in the same order"
-        )
-    return values.transpose("frequency", ...)
-
-
-def _of_same_axes(I: Any, Q: Any) -> Any:
-    """Return Q in the order of the axes of I. Refuse DataArrays with different axes or labels."""
-    import xarray as xr  # Slow: rendering does not need it
-
-    if not (isinstance(I, xr.DataArray) and isinstance(Q, xr.DataArray)):
-        return Q
-    if set(I.dims) != set(Q.dims):
-        raise ValueError(f"I has the axes {I.dims}, and Q has {Q.dims}. Pass parts of one phasor")
-    for axis in I.indexes.keys() & Q.indexes.keys():
-        if not I.indexes[axis].equals(Q.indexes[axis]):
-            raise ValueError(
-                f"I and Q have different labels along the axis {axis}. Select the same part of both"
-            )
-    return Q.transpose(*I.dims)
 
 
 def phasor_parts(
@@ -105,10 +70,10 @@ def phasor_parts(
     """
     # Check the arguments
     frequencies, many = check_frequencies(frequency_hz)
-    Q = _of_same_axes(I, Q)
+    I, Q = of_same_axes({"I": I, "Q": Q})
     if many:
-        I = _frequencies_first("I", I, frequencies)
-        Q = _frequencies_first("Q", Q, frequencies)
+        I = frequencies_first("I", I, frequencies)
+        Q = frequencies_first("Q", Q, frequencies)
     I = checks.real_array("I", I, np.float64)
     Q = checks.real_array("Q", Q, np.float64)
     if I.shape != Q.shape or (many and I.shape[:1] != (len(frequencies),)):

@@ -45,8 +45,14 @@ def film_of(data: xr.Dataset) -> Measured:
     data = read(data, (COUNTS, GATES, STREAK), "data")
     axis = next(axis for axis in LABELS if axis in data[name].dims)
     name_of_centers = "opl" if axis == "bin" else axis
-    width = float(data.attrs.get("bin_width_opl", 1.0))
-    start, step = even_axis(data, name_of_centers, "data", width)
+    start, step = even_axis(
+        data,
+        name_of_centers,
+        "data",
+        stated="bin_width_opl",
+        overlap=axis == "delay_opl",
+        width=1.0,
+    )
     centers = np.asarray(data[name_of_centers].values, np.float64)
     attrs = data.attrs | {"start_opl": start, "bin_width_opl": step}
     attrs["quantity"] = QUANTITIES[1] if axis == "delay_opl" else QUANTITIES[0]

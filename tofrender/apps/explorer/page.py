@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import xarray as xr
 
-from ...labels import EXPLORED
+from ...labels import CAPTURE, EXPLORED, PATHS, TRANSIENT
 from ...runtime import checks
 from ...runtime.atomic import check_file, check_writable, replacing
 from ..ui.bundle import text_of
@@ -25,11 +25,11 @@ def report(
     data: Annotated[xr.Dataset, EXPLORED],
     path: str | os.PathLike,
     *,
-    capture: xr.Dataset | None = None,
-    orders: Mapping[str, xr.Dataset] | None = None,
+    capture: Annotated[xr.Dataset, CAPTURE] | None = None,
+    orders: Mapping[str, Annotated[xr.Dataset, TRANSIENT]] | None = None,
     distance_m: Any = None,
     title: str | None = None,
-    paths: Sequence[xr.Dataset] | None = None,
+    paths: Sequence[Annotated[xr.Dataset, PATHS]] | None = None,
     megabytes: float = 10,
     overwrite: bool = False,
 ) -> Path:

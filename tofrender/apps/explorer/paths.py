@@ -9,12 +9,12 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from ...labels import PATHS, read
 from ...rendering.path_list import paths_of
 from ...runtime import checks
 from ...scenes.loading import load_scene
 from ...signals.pulses import GaussianPulse
 
-FIELDS = {"shape", "opl", "radiance", "on_film", "vertex_opl"}
 COUNT = 200  # Number of paths of a pixel and bin in a live explorer
 SAMPLES = 1 << 13  # Number of camera rays before the choice of paths
 ALLOWED = "a list of results of paths_of"
@@ -24,10 +24,8 @@ def path_lists(paths: Any, kind: str) -> list[dict[str, Any]]:
     """Convert results of `paths_of` for some pixels by `plain_paths`. Refuse other values."""
     _require_render("paths", paths, kind)
     given = checks.instance("paths", [] if paths is None else paths, list | tuple, ALLOWED)
-    for each in given:
-        valid = set(getattr(each, "data_vars", ())) >= FIELDS
-        checks.require("paths", each, valid, ALLOWED)
-    return [plain_paths(each) for each in given]
+    lists = [read(each, PATHS, "paths").transpose("path", "vertex", ...) for each in given]
+    return [plain_paths(each) for each in lists]
 
 
 def plain_paths(found: Any, fraction: Any = 1.0) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ...labels import EXPLORED
+from ...labels import CAPTURE, EXPLORED, PATHS, TRANSIENT
 from ...runtime import checks
 from ..ui.bundle import text_of
 from .contents import contents_of
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 def explore(
     data: Annotated[xr.Dataset, EXPLORED],
     *,
-    capture: xr.Dataset | None = None,
-    orders: Mapping[str, xr.Dataset] | None = None,
+    capture: Annotated[xr.Dataset, CAPTURE] | None = None,
+    orders: Mapping[str, Annotated[xr.Dataset, TRANSIENT]] | None = None,
     distance_m: Any = None,
     title: str | None = None,
     scene: Any = None,
-    paths: Sequence[xr.Dataset] | None = None,
+    paths: Sequence[Annotated[xr.Dataset, PATHS]] | None = None,
     megabytes: float = 80,
 ) -> AnyWidget:
     """Explore a transient in a notebook: light in time, pixels' responses, gates, phasors.
