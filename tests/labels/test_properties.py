@@ -280,7 +280,7 @@ def kinds_of(function, parameter):
     annotation = parameter.annotation
     if isinstance(annotation, str):
         found = re.search(r"Annotated\[.*, (\w+)\]", annotation)
-        metadata = [found and inspect.unwrap(function).__globals__.get(found[1])]
+        metadata = [found and getattr(labels, found[1], None)]
     else:
         inner = [annotation, *getattr(annotation, "__args__", ())]
         metadata = [each for one in inner for each in getattr(one, "__metadata__", ())]

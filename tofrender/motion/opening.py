@@ -61,7 +61,9 @@ def open_moving(settings: RenderSettings) -> tuple[mi.Scene, mi.Sensor, Transien
 
 
 def split_settings(
-    scene: object, settings: Mapping[str, Any], **time_axis: Any
+    scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
+    settings: Mapping[str, Any],
+    **time_axis: Any,
 ) -> tuple[RenderSettings, Checkpoint | None, bool]:
     """Check the settings of a user, and split them.
 
