@@ -224,7 +224,7 @@ def _gated(scene: Any, pulse_width: float | None) -> Any:
             "`tofrender render`"
         )
     width = pulse_width or (GATE_WIDTH if own.pulse is None else own.pulse.width_opl)
-    if not hasattr(own, "gate"):
+    if not own.has_gates:
         traits = own.traits | {"type": "time_gated_transient_path"}
         own = load_plugin("integrator", traits | {"pulse_width_opl": width})
     own.pulse = GaussianPulse(width)

@@ -4,11 +4,13 @@ The record is a dataclass. Its fields are the names, types and defaults of the p
 checkers, `inspect.signature` and `help` show these parameters as those of the function.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields
 from difflib import get_close_matches
 from inspect import Parameter, Signature, signature
 from typing import Any, ParamSpec, TypeVar
+
+from .checks import join_names
 
 P = ParamSpec("P")
 Record = TypeVar("Record")
@@ -69,19 +71,37 @@ def filled(
         options: Keyword arguments.
 
     Raises:
-        TypeError: The arguments do not match the parameters. For an unknown name, the message
-            contains the most similar parameter.
+        TypeError: The arguments do not match the parameters.
     """
     expected = signature(function)
+    require_names(function.__name__, options, expected.parameters)
     try:
         expected.bind(*args, **options)
     except TypeError as error:
-        raise TypeError(f"{function.__name__}() {error}{_hint(expected, options)}") from None
+        raise TypeError(f"{function.__name__}() {error}") from None
     return record(*args, **options)
 
 
-def _hint(expected: Signature, options: Mapping[str, Any]) -> str:
-    """Return a sentence with the parameter that is most similar to the first unknown name."""
-    unknown = [name for name in options if name not in expected.parameters]
-    similar = get_close_matches(unknown[0], expected.parameters, 1) if unknown else []
-    return f". Did you mean {similar[0]!r}?" if similar else ""
+def require_names(function: str, given: Iterable[str], allowed: Iterable[str]) -> None:
+    """Raise a TypeError if a function does not have a keyword argument.
+
+    The message contains the most similar name, or all names if no name is similar.
+
+    Args:
+        function: Name of the function.
+        given: Names of the keyword arguments.
+        allowed: Names of the parameters.
+
+    Example:
+        >>> require_names("render", ["ssp"], ["spp", "seed"])
+        Traceback (most recent call last):
+        TypeError: render() got an unexpected keyword argument 'ssp'. Did you mean 'spp'?
+    """
+    names = list(allowed)
+    for name in given:
+        if name not in names:
+            similar = get_close_matches(name, names, 1)
+            remedy = (
+                f"Did you mean {similar[0]!r}?" if similar else f"Use one of {join_names(names)}"
+            )
+            raise TypeError(f"{function}() got an unexpected keyword argument {name!r}. {remedy}")

@@ -48,7 +48,7 @@ class Optics:
 
     def __post_init__(self) -> None:
         of_optics = self.photons_per_cycle is None
-        for each in fields(self):
+        for each in fields(Optics):
             name = each.name
             value = getattr(self, name)
 
