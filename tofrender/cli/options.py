@@ -1,8 +1,9 @@
 """Options that several commands share, and the checks of their values.
 
-The options of `render` come from the table in `rendering/settings.py`. Typer prints the help, but
-its messages for bad values do not contain the value. Therefore each option here has a check that
-refuses a bad value in one line: `--option = value: must be ...`. This module does not import
+The options of `render` come from the fields of `RenderSettings` in `rendering/settings.py`. Options
+that several commands share are the fields of dataclasses, see `with_groups`. Typer prints the help,
+but its messages for bad values do not contain the value. Therefore each option here has a check
+that refuses a bad value in one line: `--option = value: must be ...`. This module does not import
 Mitsuba, so that `--help` answers at once.
 """
 

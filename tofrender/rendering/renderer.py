@@ -47,9 +47,9 @@ def render(*args: Any, **options: Any) -> xr.Dataset:  # noqa: D417, the record 
     """Render a scene in time.
 
     The arguments have the names of the options of the command `tofrender render`. Arguments up to
-    `denoise` define the picture. Arguments from `resume` on define how the work is done: the
-    earlier result, the place of the film, and the processes. The result does not support
-    derivatives. Call `mi.render(scene, params)` for derivatives.
+    `denoise` define the picture. Arguments from `resume` on are the execution: they define how the
+    work is done, with the earlier result, the place of the film, and the processes. The result does
+    not support derivatives. Call `mi.render(scene, params)` for derivatives.
     See also `load_scene`, `merge`, `explore`, `report`.
 
     Args:

@@ -1,4 +1,4 @@
-"""Settings of a render: one table that defines checks, command-line options and tests.
+"""Settings of a render: one record that defines signature, checks, command-line options and tests.
 
 The module does not import NumPy or Mitsuba before a render begins, so `tofrender --help` is fast.
 """
