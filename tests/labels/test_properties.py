@@ -351,7 +351,7 @@ def kinds_of(function, parameter):
     annotation = parameter.annotation
     if isinstance(annotation, str):
         found = re.search(r"Annotated\[.*, (\w+)\]", annotation)
-        metadata = [found and inspect.unwrap(function).__globals__.get(found[1])]
+        metadata = [found and getattr(labels, found[1], None)]
     else:
         metadata = metadata_of(annotation)
     kinds = [each for each in metadata if isinstance(each, Kind | tuple)]

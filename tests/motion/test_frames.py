@@ -170,7 +170,7 @@ def test_what_frames_refuse():
     tracer = {"row_time_s": 1e-3, "integrator": "transient_light_tracer"}
     refused = refusal(render_frames, "fan", [0.0], spp=1, size=(4, 4), progress=False, **tracer)
     assert refused.startswith("row_time_s = 0.001:")
-    with pytest.raises(TypeError, match="errors: is no argument; must be one of spp"):
+    with pytest.raises(TypeError, match=r"'errors'"):
         render_frames(square(), [0.0], errors=True)
 
 

@@ -18,7 +18,7 @@ import tofrender
 from tofrender import cornell_box, cornell_box_steady_state, render
 from tofrender.cli.render import render as command
 from tofrender.rendering.renderer import make_job
-from tofrender.rendering.settings import SCENE_NAMES, SETTINGS, RenderSettings
+from tofrender.rendering.settings import SCENE_NAMES, SETTINGS, Execution, RenderSettings
 from tofrender.runtime.settings import CHECKS, unchecked
 
 RECORD = {field.name: field.default for field in fields(RenderSettings)}
@@ -51,6 +51,31 @@ def test_the_command_has_the_settings_of_the_table():
     assert set(ours) - set(its) == OBJECTS
     for name in set(SETTINGS) & set(its):
         assert its[name].default == ours[name].default
+
+
+@pytest.mark.parametrize(
+    ("given", "similar"), [("ssp", "spp"), ("denose", "denoise"), ("worker", "workers")]
+)
+def test_a_misspelled_parameter_is_refused_with_the_nearest_name(given, similar):
+    with pytest.raises(TypeError, match=rf"^render\(\) .*'{given}'.*'{similar}'\?$"):
+        render("cornell_box", **{given: 4})
+
+
+def test_parameters_are_bound_as_in_a_signature():
+    with pytest.raises(TypeError, match=r"^render\(\) missing .*'scene'$"):
+        render(spp=4)
+    with pytest.raises(TypeError, match=r"^render\(\) too many positional arguments$"):
+        render("cornell_box", 4)
+    with pytest.raises(
+        TypeError, match=r"^render\(\) got an unexpected keyword argument 'zzzz'\. Use "
+    ):
+        render("cornell_box", zzzz=4)
+
+
+def test_execution_is_no_setting_of_the_picture():
+    names = {field.name for field in fields(Execution)}
+    assert names == {"out", "checkpoint", "resume", "workers", "scheduler", "client", "progress"}
+    assert not names & set(RECORD)
 
 
 def test_the_documentation_says_what_the_table_does():

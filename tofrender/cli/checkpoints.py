@@ -3,13 +3,14 @@
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..runtime.atomic import DISK_FULL, locked, part_path, remove, remove_leftovers, sibling
-from ..runtime.progress import Stop
+from ..runtime.progress import EVERY_S, Stop
 from . import options as opt
 from .answers import answer
 
@@ -18,6 +19,15 @@ if TYPE_CHECKING:
 
 Seconds = Annotated[float, opt.real(0, "Time between checkpoints [s], 0 for no checkpoints")]
 Resume = Annotated[bool, opt.switch("--resume", "Continue a stopped or killed run, up to --spp.")]
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """Options of commands that can be stopped and continued."""
+
+    checkpoint: Seconds = EVERY_S
+    resume: Resume = False
+
 
 NEVER_S = 1e9
 """Time between checkpoints if there are none [s]."""

@@ -22,6 +22,7 @@ def numbers(name: str, value: Any) -> list[int]:
     return found
 
 
+@opt.with_groups
 def dataset(
     config: Annotated[Path, opt.argument("CONFIG", "TOML file that describes the data set.")],
     out: Annotated[
@@ -35,8 +36,8 @@ def dataset(
         bool, opt.switch("--plan", "Print the size of the data set without making it.")
     ] = False,
     variant: opt.Variant = None,
-    workers: opt.Workers = None,
-    scheduler: opt.Scheduler = None,
+    *,
+    processes: opt.Processes,
     resume: Annotated[bool, opt.switch("--resume", "Continue a stopped or killed run.")] = False,
 ) -> None:
     """Make a data set of varied scenes.
@@ -68,7 +69,7 @@ def dataset(
             opt.say(f"{out}: already complete, {count} record{'s' * (count != 1)}")
             return
         raise ValueError(f"--resume: no run that makes {out} was stopped. Remove the option")
-    with opt.client_of(workers, scheduler) as client:
+    with processes.client() as client:
         made = make_dataset(
             config, out, only=only, client=client, resume=resume, tell=opt.note, again=AGAIN
         )

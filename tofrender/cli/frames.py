@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..io.contents import FRAMES_LIST, FRAMES_STEADY, VIDEO, is_listed
 from ..runtime import atomic
@@ -29,23 +31,60 @@ FPS = 10
 """Frames per second of the video."""
 
 
-def check(options: dict[str, Any]) -> None:
-    """Refuse options that cannot be combined with --frames, and options that require it."""
-    of_frames = {"frame_time": None, "exposure": 0.0, "poses": None, "row_time": 0.0}
-    if options["frames"] is None:
-        for name, default in of_frames.items():
-            if options[name] != default:
-                raise ValueError(f"--{name.replace('_', '-')} requires --frames")
-        return
-    if options["frame_time"] is None:
-        raise ValueError("--frame-time is missing. Add the time between two frames in seconds")
+@dataclass(frozen=True)
+class Animation:
+    """Options of an animation."""
+
+    frames: Annotated[
+        int | None,
+        opt.integer(1, 10_000, "Number of frames of an animation", show_default="a single render"),
+    ] = None
+    frame_time: Annotated[
+        float | None,
+        opt.positive("seconds", "Time between two frames [s], required with --frames"),
+    ] = None
+    exposure: Annotated[
+        float, opt.real(0, "With --frames, exposure time of each row of pixels [s]")
+    ] = 0.0
+    poses: Annotated[
+        int | None,
+        opt.integer(
+            1, 4096, "With --frames, poses of the scene in each exposure", show_default="8"
+        ),
+    ] = None
+    row_time: Annotated[
+        float, opt.real(0, "With --frames, delay from one row of pixels to the next [s]")
+    ] = 0.0
+
+    def __post_init__(self) -> None:
+        # The other options require --frames, and --frames requires --frame-time
+        if self.frames is None:
+            for each in fields(self):
+                if getattr(self, each.name) != each.default:
+                    raise ValueError(f"--{each.name.replace('_', '-')} requires --frames")
+        elif self.frame_time is None:
+            raise ValueError("--frame-time is missing. Add the time between two frames in seconds")
+
+    @property
+    def times(self) -> list[float]:
+        """Start of each frame [s]; empty for a single render."""
+        return [k * (self.frame_time or 0.0) for k in range(self.frames or 0)]
+
+
+def check_single(out: Path, files: opt.Files, options: Mapping[str, Any]) -> None:
+    """Refuse options that cannot be combined with --frames.
+
+    Args:
+        out: Folder to write.
+        files: Options of the files.
+        options: Values of other options by name.
+    """
     wrong = [name for name in ONE_FRAME if options[name]]
     wrong += ["checkpoint"] * (options["checkpoint"] != EVERY_S)
     if wrong:
         raise ValueError(f"--{wrong[0]} cannot be combined with --frames. Remove one of them")
-    if options["format"] == "zarr":
+    if files.format == "zarr":
         raise ValueError("--format = zarr cannot be combined with --frames. Use another format")
-    out = options["out"]
     foreign = _foreign(out)
     if foreign or out.is_file():
         what = f"contains other files ({foreign[0]})" if foreign else "is a file"
@@ -67,7 +106,16 @@ def _foreign(out: Path) -> list[str]:
     return sorted(names)
 
 
-def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[str, Any]) -> None:
+def render_frames(
+    job: Job,
+    times: list[float],
+    shutter: Shutter,
+    *,
+    out: Path,
+    files: opt.Files,
+    resume: bool,
+    as_json: bool,
+) -> None:
     """Render the frames of an animation that are missing in `out`.
 
     If `out` contains the finished frames of another run, the new frames are written into a hidden
@@ -77,7 +125,10 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
         job: The render of one frame.
         times: Start of each frame [s].
         shutter: Exposure of a frame.
-        options: Options of the command by parameter.
+        out: Folder to write.
+        files: Options of the files of each frame.
+        resume: Whether to continue a stopped run.
+        as_json: Whether to print the result as a JSON object.
     """
     import numpy as np
 
@@ -86,15 +137,13 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
     from ..rendering.dataset import components_of
     from ..rendering.job import whole
 
-    out: Path = options["out"]
-    files = {k: options[k] for k in ("format", "precision", "video", "figure", "dpi")}
     recipe = job.full_recipe | {"spp": whole(job).count, "times_s": times, **vars(shutter)}
-    recipe = json.loads(json.dumps(recipe | files, default=str))
+    recipe = json.loads(json.dumps(recipe | vars(files), default=str))
     with exclusively(out):
-        folder, listed = _begin(out, recipe, options["resume"])
+        folder, listed = _begin(out, recipe, resume)
         if "facts" in listed:
             lines = [f"{out}: already complete, {len(times)} frames"]
-            answer("render", options["as_json"], listed["facts"], lines)
+            answer("render", as_json, listed["facts"], lines)
             return
         if not (folder / FRAMES_STEADY).exists():
             shape = (len(times), *job.film.shape[:2], job.film.base_channels_count())
@@ -111,7 +160,7 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
                     done = interrupted(bar.n, len(times), "frames", AGAIN)
                     raise KeyboardInterrupt(done) from None
                 with deferred_stop() as stop:
-                    write(frame, folder / f"frame_{k:04d}", **files)
+                    write(frame, folder / f"frame_{k:04d}", files)
                     facts = render_facts(frame, out, [])
                     so_far = listed["so_far"]
                     for name, total in TOTALS.items():
@@ -123,7 +172,7 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
                 if k != left[-1]:
                     end_if_stopped(stop)
                 bar.update()
-        if options["video"]:
+        if files.video:
             save_video(np.asarray(steady), folder / VIDEO)
         if folder != out:
             atomic.move_into_place(folder, out)
@@ -131,8 +180,8 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
         facts = listed["so_far"] | {"files": sorted(path.name for path in out.iterdir())}
         _store(out / FRAMES_LIST, {"recipe": recipe, "facts": facts})
     frames = f"frame_0000 ... frame_{len(times) - 1:04d}"
-    lines = [f"{out}: {frames}" + f", {VIDEO}" * options["video"]]
-    answer("render", options["as_json"], facts, lines)
+    lines = [f"{out}: {frames}" + f", {VIDEO}" * files.video]
+    answer("render", as_json, facts, lines)
 
 
 def _begin(out: Path, recipe: dict[str, Any], resume: bool) -> tuple[Path, dict[str, Any]]:

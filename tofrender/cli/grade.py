@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..course.assignments import find
 from ..course.rubric import MAX_SEED
 from ..runtime import checks
 from .course import Name
-from .options import choice, integer, named, note, real, say
+from .options import choice, integer, named, note, real, say, with_groups
 
 if TYPE_CHECKING:
     from ..course.grade.classes import Class
@@ -40,6 +40,24 @@ TimeLimit = Annotated[float, real(30, "Time limit of one submission [s]")]
 Memory = Annotated[float, real(1, "Memory limit of one submission [GiB]")]
 
 
+@dataclass(frozen=True)
+class ClassFiles:
+    """Options that require --all."""
+
+    csv: Annotated[
+        Path | None, named("FILE", "With --all, CSV file to write, one row per student.")
+    ] = None
+    columns: Annotated[list[str] | None, named("NAME=FIELD", COLUMNS)] = None
+    jobs: Annotated[int, integer(1, MAX_JOBS, "With --all, submissions graded in parallel")] = 1
+    roster: Annotated[Path | None, named("FILE", ROSTER)] = None
+    sheet: Annotated[Path | None, named("FILE", SHEET)] = None
+    feedback: Annotated[
+        Path | None,
+        named("DIR", "With --all, folder for a page per student and an overview of the class."),
+    ] = None
+
+
+@with_groups
 def grade(
     assignment: Name,
     submission: Annotated[
@@ -49,17 +67,8 @@ def grade(
         Path | None, named("DIR", "Folder with the submissions of a class.", "--all")
     ] = None,
     out: Annotated[Path | None, named("FILE|DIR", RESULTS, "--out", "-o")] = None,
-    csv: Annotated[
-        Path | None, named("FILE", "With --all, CSV file to write, one row per student.")
-    ] = None,
-    columns: Annotated[list[str] | None, named("NAME=FIELD", COLUMNS)] = None,
-    jobs: Annotated[int, integer(1, MAX_JOBS, "With --all, submissions graded in parallel")] = 1,
-    roster: Annotated[Path | None, named("FILE", ROSTER)] = None,
-    sheet: Annotated[Path | None, named("FILE", SHEET)] = None,
-    feedback: Annotated[
-        Path | None,
-        named("DIR", "With --all, folder for a page per student and an overview of the class."),
-    ] = None,
+    *,
+    of_class: ClassFiles,
     time_limit: TimeLimit = 540,
     memory: Memory = 4,
     format: Annotated[str, choice(FORMATS, "Format of --out for one submission")] = "gradescope",
@@ -80,20 +89,17 @@ def grade(
     """
     if (submission is None) == (everyone is None):
         raise ValueError("pass either --submission PATH or --all DIR")
-    of_class = {
-        "--csv": csv,
-        "--roster": roster,
-        "--sheet": sheet,
-        "--feedback": feedback,
-        "--columns": columns[0] if columns else None,
-    }
+    csv = of_class.csv
+    roster = of_class.roster
+    sheet = of_class.sheet
+    feedback = of_class.feedback
     if submission is not None:
-        out = _check_one(submission, out, of_class, jobs)
+        out = _check_one(submission, out, of_class)
     else:
         assert everyone is not None
         if format != "gradescope":
             raise ValueError(f"--format = {format} cannot be combined with --all")
-        out, csv = _check_class(everyone, out, csv, feedback, jobs)
+        out, csv = _check_class(everyone, out, csv, feedback, of_class.jobs)
 
     from ..course.grade import classes, grading, results, roster as rosters
     from ..course.judge import sandbox
@@ -108,7 +114,7 @@ def grade(
         those = classes.submissions_in(everyone, found, reserved)
         members, unknown = rosters.members(those, roster)
         marks = None if sheet is None else rosters.marks(sheet, found.rubric, members)
-    shown = rosters.columns(columns or [], found.rubric)
+    shown = rosters.columns(of_class.columns or [], found.rubric)
     for risk in sandbox.missing_protections():
         note(f"warning: this machine cannot keep a submission from {risk}")
     for name in unknown:
@@ -122,7 +128,15 @@ def grade(
             elif everyone is not None and csv is not None:
                 private = [path for path in (roster, sheet, feedback) if path is not None]
                 class_ = classes.Class(
-                    grader, everyone, members, csv, out, marks, roster is not None, jobs, private
+                    grader,
+                    everyone,
+                    members,
+                    csv,
+                    out,
+                    marks,
+                    roster is not None,
+                    of_class.jobs,
+                    private,
                 )
                 class_.columns = shown
                 class_.grade(say)
@@ -165,16 +179,22 @@ def _write_pages(class_: Class, folder: Path) -> None:
     say(f"{folder}: overview.html, and students/*/feedback.html")
 
 
-def _check_one(
-    submission: Path, out: Path | None, of_class: Mapping[str, object], jobs: int
-) -> Path:
+def _check_one(submission: Path, out: Path | None, of_class: ClassFiles) -> Path:
     """Refuse options that cannot be combined, and return the results file."""
     submission = checks.path("--submission", submission)
     if not submission.is_dir() and not submission.is_file():
         raise ValueError(
             f"--submission = {submission}: must be a folder, an archive or a file that exists"
         )
-    for name, value in {**of_class, "--jobs": jobs if jobs > 1 else None}.items():
+    given: dict[str, Any] = {
+        "--csv": of_class.csv,
+        "--roster": of_class.roster,
+        "--sheet": of_class.sheet,
+        "--feedback": of_class.feedback,
+        "--columns": of_class.columns[0] if of_class.columns else None,
+        "--jobs": of_class.jobs if of_class.jobs > 1 else None,
+    }
+    for name, value in given.items():
         if value is not None:
             raise ValueError(f"{name} = {value} requires --all")
     if out is None:

@@ -1,5 +1,6 @@
 """The command `tofrender lidar`."""
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,15 +23,16 @@ def _field_of_view(name: str, value: Any) -> tuple[float, float]:
         raise ValueError(f"{name} = {checks.quote(value)}: must be {allowed}") from None
 
 
-def lidar(
-    scene: opt.Scene,
-    out: Annotated[Path, opt.named("FILE", "Point cloud to write: .ply, .las or .nc.")],
+@dataclass(frozen=True)
+class Scan:
+    """Options of the shots of a lidar."""
+
     pattern: Annotated[
         str, opt.named("NAME|CSV", "Scan pattern: raster, spinning, rosette, or a CSV file.")
-    ] = "raster",
+    ] = "raster"
     shots: Annotated[
         Any, opt.size("64x48", "Columns and rows of the pattern; rows are rings if it spins.")
-    ] = "64x48",
+    ] = "64x48"
     fov: Annotated[
         Any,
         opt.checked(
@@ -38,19 +40,27 @@ def lidar(
             "Field of view, horizontally and vertically [degrees].",
             metavar="WxH",
         ),
-    ] = "40x30",
+    ] = "40x30"
     divergence: Annotated[
         float,
         opt.checked(HALF_ANGLE, "Half angle of the beam [rad] (0 to 0.5).", metavar="NUMBER"),
-    ] = 1e-3,
+    ] = 1e-3
     pulses: Annotated[
         int, opt.integer(1, checks.MAX_SEED >> 1, "Number of pulses of each shot")
-    ] = 1,
-    rate: Annotated[float, opt.positive("Hz", "Shots per second [Hz]")] = 100e3,
+    ] = 1
+    rate: Annotated[float, opt.positive("Hz", "Shots per second [Hz]")] = 100e3
     pose_time: Annotated[
         float,
         opt.positive("seconds", "Time between two poses of a moving scene during a scan [s]"),
-    ] = 1e-3,
+    ] = 1e-3
+
+
+@opt.with_groups
+def lidar(
+    scene: opt.Scene,
+    out: Annotated[Path, opt.named("FILE", "Point cloud to write: .ply, .las or .nc.")],
+    *,
+    scan: Scan,
     max_depth: Annotated[int, opt.setting("max_depth", default=None)] = 6,
     spp: Annotated[int, opt.setting("spp", default=None)] = 64,
     seed: opt.Seed = 0,
@@ -80,17 +90,19 @@ def lidar(
     from tofrender import io, scanning
     from tofrender.scenes.loading import find_scene
 
-    scan = scanning.scan_pattern(pattern, shots=shots, fov_deg=fov, rate_hz=rate)
+    pattern = scanning.scan_pattern(
+        scan.pattern, shots=scan.shots, fov_deg=scan.fov, rate_hz=scan.rate
+    )
     found = scanning.lidar(
         find_scene(scene),
-        scan,
-        divergence_rad=divergence,
+        pattern,
+        divergence_rad=scan.divergence,
         max_depth=max_depth,
         spp=spp,
         seed=seed,
-        pose_time_s=pose_time,
+        pose_time_s=scan.pose_time,
     )
-    cloud = scanning.point_cloud(found, pulses=pulses, seed=seed)
+    cloud = scanning.point_cloud(found, pulses=scan.pulses, seed=seed)
     io.save_point_cloud(cloud, out, overwrite=True)
     io.save_point_cloud(scanning.true_points(found), truth, overwrite=True)
     facts = {

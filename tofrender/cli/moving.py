@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..io.contents import DOPPLER, DOPPLER_LAYERS, ESTIMATES, RANGE_RATE, SPECTRA
 from ..motion.choices import MAX_CYCLES, MAX_LOOKS, WAVEFORMS, WINDOWS
 from ..runtime import checks
-from ..runtime.progress import EVERY_S, deferred_stop
+from ..runtime.progress import deferred_stop
 from . import checkpoints, options as opt
 from .answers import Json, answer
 from .time import first_pixel, load, values
@@ -38,11 +39,12 @@ def _rates(name: str, value: Any) -> tuple[float, float]:
     return checks.interval(name, ends, allowed)
 
 
-def doppler(
-    scene: opt.Scene,
-    out: opt.Out,
-    freq: Annotated[float, opt.frequency("Modulation frequency")] = 30e6,
-    exposure: Annotated[float, opt.positive("seconds", "Exposure time [s]")] = 1.5e-3,
+@dataclass(frozen=True)
+class Modulation:
+    """Options of the modulation of a Doppler ToF camera."""
+
+    freq: Annotated[float, opt.frequency("Modulation frequency")] = 30e6
+    exposure: Annotated[float, opt.positive("seconds", "Exposure time [s]")] = 1.5e-3
     cycles: Annotated[
         int,
         opt.integer(
@@ -50,19 +52,21 @@ def doppler(
             MAX_CYCLES,
             "Modulation cycles that the sensor has more than the light in one exposure",
         ),
-    ] = 1,
+    ] = 1
     waveform: Annotated[
         str, opt.choice(WAVEFORMS, "Correlation of the modulation of light and sensor")
-    ] = "sine",
-    spp: opt.Spp = None,
-    size: opt.Pixels = None,
-    max_depth: opt.MaxDepth = None,
-    seed: opt.Seed = 0,
-    variant: opt.Variant = None,
-    figure: opt.Figure = "png",
-    dpi: opt.Dpi = None,
-    checkpoint: checkpoints.Seconds = EVERY_S,
-    resume: checkpoints.Resume = False,
+    ] = "sine"
+
+
+@opt.with_groups
+def doppler(
+    scene: opt.Scene,
+    out: opt.Out,
+    *,
+    modulation: Modulation,
+    picture: opt.Picture,
+    drawing: opt.Drawing,
+    stopping: checkpoints.Stopping,
     as_json: Json = False,
 ) -> None:
     """Simulate a Doppler ToF camera in a moving scene.
@@ -75,36 +79,40 @@ def doppler(
         tofrender doppler corridor --out doppler
         tofrender doppler scene.xml --freq 50MHz --exposure 1e-3 --out doppler
     """
-    if waveform != "sine" and (figure != "png" or dpi is not None):
+    waveform = modulation.waveform
+    if waveform != "sine" and drawing != opt.Drawing():
         raise ValueError(
             f"--figure and --dpi require --waveform sine, because {waveform} does not give a "
             "velocity to draw. Remove the two options, or use --waveform sine"
         )
     opt.check_out(out)
-    loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
+    loaded, sensor, samples = load(scene, picture)
     from tofrender import io, vis
     from tofrender.io.netcdf import save_measurement
     from tofrender.motion.doppler_camera import doppler as measure, doppler_rate
 
     opt.check_disk_space(out, 2 * 6 * values(sensor))
-    modulation: dict[str, Any] = {"frequency_hz": freq, "exposure_s": exposure, "cycles": cycles}
+    attrs: dict[str, Any] = {
+        "frequency_hz": modulation.freq,
+        "exposure_s": modulation.exposure,
+        "cycles": modulation.cycles,
+    }
     recipe = checkpoints.recipe_of(
         loaded,
         sensor,
-        **modulation,
+        **attrs,
         waveform=waveform,
         spp=samples,
-        seed=seed,
-        figure=figure,
-        dpi=dpi,
+        seed=picture.seed,
+        **vars(drawing),
     )
-    if resume and checkpoints.answer_if_finished("doppler", out, DOPPLER, recipe, as_json):
+    if stopping.resume and checkpoints.answer_if_finished("doppler", out, DOPPLER, recipe, as_json):
         return
-    with checkpoints.checkpointed(out, checkpoint, resume) as file:
-        checkpoints.require_begun(resume, checkpoints.unfinished_work(out), out)
+    with checkpoints.checkpointed(out, stopping.checkpoint, stopping.resume) as file:
+        checkpoints.require_begun(stopping.resume, checkpoints.unfinished_work(out), out)
         note_rest(loaded)
         measured = measure(
-            loaded, **modulation, waveform=waveform, spp=samples, seed=seed, checkpoint=file
+            loaded, **attrs, waveform=waveform, spp=samples, seed=picture.seed, checkpoint=file
         )
         measured.attrs |= {"scene": scene, "quantity": "heterodyne"}
         layers = {
@@ -114,19 +122,19 @@ def doppler(
         }
         files = [DOPPLER, DOPPLER_LAYERS]
         if waveform == "sine":
-            files.append(f"velocity.{figure}")
+            files.append(f"velocity.{drawing.figure}")
         facts = {
             "out": str(out),
             "files": files,
             "width": measured.sizes["x"],
             "height": measured.sizes["y"],
             "scene": scene,
-            "frequency_hz": freq,
-            "exposure": exposure,
-            "cycles": cycles,
+            "frequency_hz": modulation.freq,
+            "exposure": modulation.exposure,
+            "cycles": modulation.cycles,
             "waveform": waveform,
             "spp": samples,
-            "seed": seed,
+            "seed": picture.seed,
         }
         measured.attrs |= checkpoints.run_attribute(recipe, facts)
         with deferred_stop() as stop, io.output_folder(out, overwrite=True) as folder:
@@ -134,31 +142,38 @@ def doppler(
                 measured["rate"] = doppler_rate(measured)
                 layers["rate"] = measured["rate"].values[..., None]
                 drawn = vis.velocity_map(measured["rate"], **limit_of(loaded), title=scene)
-                io.save_figure(drawn, folder / files[-1], **opt.dots(dpi))
+                io.save_figure(drawn, folder / files[-1], **opt.dots(drawing.dpi))
             save_measurement(measured, folder / files[0])
             first = first_pixel(sensor)
-            io.save_exr_layers(folder / files[1], layers, modulation, first_pixel=first)
+            io.save_exr_layers(folder / files[1], layers, attrs, first_pixel=first)
     answer("doppler", as_json, facts, [f"{out}: {', '.join(files)}"])
     checkpoints.end_if_stopped(stop)
 
 
-def fmcw(
-    scene: opt.Scene,
-    out: opt.Out,
-    bandwidth: Annotated[float, opt.positive("hertz", "Bandwidth of a chirp [Hz]")] = 1e9,
-    chirp: Annotated[float, opt.positive("seconds", "Duration of a chirp [s]")] = 1e-5,
-    wavelength: Annotated[float, opt.positive("meters", "Wavelength of the laser [m]")] = 1.55e-6,
-    window_function: Annotated[str, opt.choice(WINDOWS, "Window function of the spectra")] = "hann",
+@dataclass(frozen=True)
+class Chirps:
+    """Options of the chirps of an FMCW lidar, and of their spectra."""
+
+    bandwidth: Annotated[float, opt.positive("hertz", "Bandwidth of a chirp [Hz]")] = 1e9
+    chirp: Annotated[float, opt.positive("seconds", "Duration of a chirp [s]")] = 1e-5
+    wavelength: Annotated[float, opt.positive("meters", "Wavelength of the laser [m]")] = 1.55e-6
+    window_function: Annotated[str, opt.choice(WINDOWS, "Window function of the spectra")] = "hann"
     looks: Annotated[
         int,
         opt.integer(
             0, MAX_LOOKS, "Number of measurements with speckle to average, 0 for the expectation"
         ),
-    ] = 0,
+    ] = 0
     photons: Annotated[
         float | None,
         opt.positive("photons", "Mean number of photons in a chirp", show_default="no shot noise"),
-    ] = None,
+    ] = None
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Options of the bins of path lengths and rates."""
+
     window: Annotated[
         Any,
         opt.checked(
@@ -167,10 +182,10 @@ def fmcw(
             metavar="auto|START,STOP",
             show_default=opt.FROM_SCENE,
         ),
-    ] = None,
+    ] = None
     bins: Annotated[
         int | None, opt.setting("bins", default="two in the resolution of the lidar")
-    ] = None,
+    ] = None
     rates: Annotated[
         Any,
         opt.checked(
@@ -179,7 +194,7 @@ def fmcw(
             metavar="START,STOP",
             show_default="from the fastest part of the scene",
         ),
-    ] = None,
+    ] = None
     rate_bins: Annotated[
         int | None,
         opt.integer(
@@ -188,16 +203,19 @@ def fmcw(
             "Number of bins of the rates",
             show_default="two in the resolution of the lidar",
         ),
-    ] = None,
-    spp: opt.Spp = None,
-    size: opt.Pixels = None,
-    max_depth: opt.MaxDepth = None,
-    seed: opt.Seed = 0,
-    variant: opt.Variant = None,
-    figure: opt.Figure = "png",
-    dpi: opt.Dpi = None,
-    checkpoint: checkpoints.Seconds = EVERY_S,
-    resume: checkpoints.Resume = False,
+    ] = None
+
+
+@opt.with_groups
+def fmcw(
+    scene: opt.Scene,
+    out: opt.Out,
+    *,
+    chirps: Chirps,
+    axes: Axes,
+    picture: opt.Picture,
+    drawing: opt.Drawing,
+    stopping: checkpoints.Stopping,
     as_json: Json = False,
 ) -> None:
     """Simulate an FMCW lidar in a moving scene.
@@ -212,24 +230,29 @@ def fmcw(
         tofrender fmcw scene.xml --bandwidth 2e9 --chirp 2e-5 --size 32x24 --out beats
     """
     opt.check_out(out)
-    loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
+    loaded, sensor, samples = load(scene, picture)
     from tofrender import io, vis
     from tofrender.io.netcdf import save_measurement
     from tofrender.motion.fmcw import Fmcw
     from tofrender.motion.range_rate_film import default_rates, range_rate
 
-    chirps: Any = {"bandwidth_hz": bandwidth, "chirp_s": chirp, "wavelength_m": wavelength}
-    lidar = Fmcw(**chirps, window=window_function, looks=looks, photons=photons)
-    opl = _axis(_span(loaded, window), bins, lidar.resolution[0])
-    rate = _axis(rates or default_rates(loaded), rate_bins, lidar.resolution[1])
+    waves: Any = {
+        "bandwidth_hz": chirps.bandwidth,
+        "chirp_s": chirps.chirp,
+        "wavelength_m": chirps.wavelength,
+    }
+    spectrum: Any = {"looks": chirps.looks, "photons": chirps.photons}
+    lidar = Fmcw(**waves, window=chirps.window_function, **spectrum)
+    opl = _axis(_span(loaded, axes.window), axes.bins, lidar.resolution[0])
+    rate = _axis(axes.rates or default_rates(loaded), axes.rate_bins, lidar.resolution[1])
     of_pixel = opl.count * rate.count, lidar.samples(opl, rate)
-    if size is None and values(sensor) * max(of_pixel) > MAX_VALUES // 4:
+    if picture.size is None and values(sensor) * max(of_pixel) > MAX_VALUES // 4:
         size = _largest_size(sensor, max(of_pixel), MAX_VALUES // 4)
         opt.note(
             f"note: rendering {size} pixels, so that the film has half a gigabyte; --size allows "
             f"up to {_largest_size(sensor, max(of_pixel), MAX_VALUES)}, and more with {FEWER_BINS}"
         )
-        loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
+        loaded, sensor, samples = load(scene, replace(picture, size=size))
     sizes = tuple(values(sensor) * each for each in of_pixel)
     if max(sizes) > MAX_VALUES:
         wanted = opt.Size(*(int(n) for n in sensor.film().crop_size()))
@@ -239,7 +262,7 @@ def fmcw(
             f"{_largest_size(sensor, max(of_pixel), MAX_VALUES)} or less, or {FEWER_BINS}"
         )
     opt.check_disk_space(out, *sizes)
-    axes: Any = {
+    film_axes: Any = {
         "bins": opl.count,
         "window": (opl.start, opl.start + opl.count * opl.width),
         "rate_bins": rate.count,
@@ -248,28 +271,26 @@ def fmcw(
     recipe = checkpoints.recipe_of(
         loaded,
         sensor,
-        **chirps,
-        **axes,
-        window_function=window_function,
-        looks=looks,
-        photons=photons,
+        **waves,
+        **film_axes,
+        window_function=chirps.window_function,
+        **spectrum,
         spp=samples,
-        seed=seed,
-        figure=figure,
-        dpi=dpi,
+        seed=picture.seed,
+        **vars(drawing),
     )
-    if resume and checkpoints.answer_if_finished("fmcw", out, RANGE_RATE, recipe, as_json):
+    if stopping.resume and checkpoints.answer_if_finished("fmcw", out, RANGE_RATE, recipe, as_json):
         return
-    with checkpoints.checkpointed(out, checkpoint, resume) as file:
-        checkpoints.require_begun(resume, file and file.path, out)
-        film = range_rate(loaded, **axes, spp=samples, seed=seed, checkpoint=file)
+    with checkpoints.checkpointed(out, stopping.checkpoint, stopping.resume) as file:
+        checkpoints.require_begun(stopping.resume, file and file.path, out)
+        film = range_rate(loaded, **film_axes, spp=samples, seed=picture.seed, checkpoint=file)
         note_rest(loaded)
         film.attrs["scene"] = scene
-        spectra = lidar.spectra(film, seed)
+        spectra = lidar.spectra(film, picture.seed)
         estimates = lidar.estimates(spectra)
         drawn = {
-            f"range_velocity.{figure}": vis.range_velocity_map(film, lidar=lidar),
-            f"velocity.{figure}": vis.velocity_map(
+            f"range_velocity.{drawing.figure}": vis.range_velocity_map(film, lidar=lidar),
+            f"velocity.{drawing.figure}": vis.velocity_map(
                 estimates["rate"], **limit_of(loaded), title=scene
             ),
         }
@@ -287,7 +308,7 @@ def fmcw(
             "bins": opl.count,
             "rate_bins": rate.count,
             "spp": samples,
-            "seed": seed,
+            "seed": picture.seed,
             "energy_outside_window": outside,
         }
         film.attrs |= checkpoints.run_attribute(recipe, facts)
@@ -295,7 +316,7 @@ def fmcw(
             for name, dataset in saved.items():
                 save_measurement(dataset.drop_vars("time", errors="ignore"), folder / name)
             for name, each in drawn.items():
-                io.save_figure(each, folder / name, **opt.dots(dpi))
+                io.save_figure(each, folder / name, **opt.dots(drawing.dpi))
     about = f"resolution {lidar.resolution[0]:.4g} m and {lidar.resolution[1]:.4g} m/s of path"
     lines = [f"{out}: {', '.join(files)}", f"{about}, {outside:.1%} of the energy outside the bins"]
     answer("fmcw", as_json, facts, lines)

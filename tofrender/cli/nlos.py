@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +11,7 @@ import typer
 
 from ..io.contents import VOLUME
 from ..runtime import backend, checks
-from ..runtime.progress import EVERY_S, deferred_stop
+from ..runtime.progress import deferred_stop
 from . import checkpoints, completion, options as opt
 from .answers import Json, answer, dataset_facts
 
@@ -37,17 +38,18 @@ FROM_FILE = "from the file"
 """Default of options that describe measured data."""
 
 
-def capture(
-    scene: Annotated[str, opt.argument("SCENE", "A scene with a relay wall.", completion.scene)],
-    out: Annotated[Path, opt.named("FILE", "HDF5 file to write.")],
+@dataclass(frozen=True)
+class Points:
+    """Options of the points of the wall that are captured, and of their time bins."""
+
     mode: Annotated[
         str | None,
         opt.choice(MODES, "Capture mode", show_default="from the scene, otherwise confocal"),
-    ] = None,
+    ] = None
     grid: Annotated[
         opt.Size | None,
         opt.size("64x64", "Columns and rows of points on the wall.", show_default=opt.FROM_SCENE),
-    ] = None,
+    ] = None
     wall: Annotated[
         str | None,
         typer.Option(
@@ -55,18 +57,24 @@ def capture(
             help="Shape that is the relay wall; separate several shapes by commas.",
             show_default="from the scene, otherwise the only shape that the sensor sees",
         ),
-    ] = None,
+    ] = None
     bins: Annotated[
         int | None,
         opt.integer(1, checks.MAX_BINS, "Number of time bins", show_default=opt.FROM_SCENE),
-    ] = None,
+    ] = None
+
+
+@opt.with_groups
+def capture(
+    scene: Annotated[str, opt.argument("SCENE", "A scene with a relay wall.", completion.scene)],
+    out: Annotated[Path, opt.named("FILE", "HDF5 file to write.")],
+    *,
+    points: Points,
     spp: opt.Spp = None,
     seed: opt.Seed = 0,
     variant: opt.Variant = None,
-    workers: opt.Workers = None,
-    scheduler: opt.Scheduler = None,
-    checkpoint: checkpoints.Seconds = EVERY_S,
-    resume: checkpoints.Resume = False,
+    processes: opt.Processes,
+    stopping: checkpoints.Stopping,
     as_json: Json = False,
 ) -> None:
     """Capture a hidden scene through its relay wall.
@@ -80,11 +88,11 @@ def capture(
         tofrender capture nlos_z --bins 500 --out wall.h5
         tofrender capture scene.xml --mode single --grid 32x32 --spp 4096 --out wall.h5
     """
-    opt.check_client(workers, scheduler)
-    if bins is not None and (workers or scheduler):
+    resume = stopping.resume
+    if points.bins is not None and processes.are_given:
         raise ValueError(
-            f"--bins = {bins} is not supported with --workers or --scheduler. Set temporal_bins "
-            "in the film of the scene file, or omit --bins"
+            f"--bins = {points.bins} is not supported with --workers or --scheduler. Set "
+            "temporal_bins in the film of the scene file, or omit --bins"
         )
     opt.check_file_out(out, ".h5", ".hdf5", overwrite=True)
     if out.exists() and not resume:
@@ -101,16 +109,19 @@ def capture(
     from tofrender.scenes.loading import find_scene, load_scene, require_sensor
 
     source = find_scene(scene)
+    wall = points.wall
     names = None if wall is None else [each.strip() for each in wall.split(",")]
-    columns, rows = grid or (None, None)
-    loaded = load_scene(source, optimize=False, width=columns, height=rows, temporal_bins=bins)
+    columns, rows = points.grid or (None, None)
+    loaded = load_scene(
+        source, optimize=False, width=columns, height=rows, temporal_bins=points.bins
+    )
     camera: Any = require_sensor(loaded)
     if source in BUILT_IN and source not in WALL_SCENES:
         raise ValueError(
             f"scene = {scene} has no relay wall. Built-in scenes with a relay wall are "
             f"{', '.join(WALL_SCENES)}"
         )
-    mode = capture_mode(loaded, camera, mode)
+    mode = capture_mode(loaded, camera, points.mode)
     sampling: dict[str, Any] = {"mode": mode, "spp": spp, "seed": seed}
     shape = getattr(camera.film(), "shape", None)
     if shape is not None:
@@ -124,13 +135,13 @@ def capture(
             answer("capture", as_json, _facts(found, out), [line])
             return
     with (
-        checkpoints.checkpointed(out, checkpoint, resume) as file,
-        opt.client_of(workers, scheduler) as client,
+        checkpoints.checkpointed(out, stopping.checkpoint, resume) as file,
+        processes.client() as client,
     ):
         checkpoints.require_begun(resume, file and file.path, out)
-        given, points = (loaded, None) if client is None else (source, grid)
+        given, grid = (loaded, None) if client is None else (source, points.grid)
         captured = render_capture(
-            given, grid=points, relay_wall=names, checkpoint=file, client=client, **sampling
+            given, grid=grid, relay_wall=names, checkpoint=file, client=client, **sampling
         )
         captured.attrs["scene"] = str(source)
         with deferred_stop() as stop:
@@ -150,12 +161,10 @@ def _facts(captured: xr.Dataset, out: Path) -> dict[str, Any]:
     return dataset_facts("capture", captured, facts)
 
 
-def reconstruct(
-    source: Annotated[
-        Path, opt.argument("FILE", "File of `tofrender capture`, or of measured data.")
-    ],
-    out: opt.Out,
-    method: Annotated[str, opt.choice(METHODS, "Reconstruction method")] = "lct",
+@dataclass(frozen=True)
+class Measured:
+    """Options of measured data in files that do not contain the size of the wall or the times."""
+
     wall_size: Annotated[
         Any,
         opt.checked(
@@ -164,10 +173,10 @@ def reconstruct(
             metavar="SIDE|WIDTH,HEIGHT",
             show_default=FROM_FILE,
         ),
-    ] = None,
+    ] = None
     bin_width_s: Annotated[
         float | None, opt.positive("s", "Width of a time bin [s]", show_default=FROM_FILE)
-    ] = None,
+    ] = None
     start_s: Annotated[
         float | None,
         opt.checked(
@@ -176,11 +185,21 @@ def reconstruct(
             metavar="NUMBER",
             show_default=FROM_FILE,
         ),
-    ] = None,
+    ] = None
+
+
+@opt.with_groups
+def reconstruct(
+    source: Annotated[
+        Path, opt.argument("FILE", "File of `tofrender capture`, or of measured data.")
+    ],
+    out: opt.Out,
+    method: Annotated[str, opt.choice(METHODS, "Reconstruction method")] = "lct",
+    *,
+    measured: Measured,
     figure: opt.Figure = "png",
     dpi: opt.Dpi = 150,
-    workers: opt.Workers = None,
-    scheduler: opt.Scheduler = None,
+    processes: opt.Processes,
     as_json: Json = False,
 ) -> None:
     """Reconstruct the hidden scene of a capture.
@@ -193,10 +212,9 @@ def reconstruct(
         tofrender reconstruct wall.h5 --out hidden
         tofrender reconstruct measured.mat --method fk --wall-size 2 --out hidden
     """
-    opt.check_client(workers, scheduler)
     opt.check_out(out)
     opt.check_apart(out, source)
-    for name, value in (("workers", workers), ("scheduler", scheduler)):
+    for name, value in vars(processes).items():
         if value is not None and method not in ("bp", "fbp"):
             raise ValueError(
                 f"--{name} = {value} requires --method bp or fbp, but the method is {method}. "
@@ -208,11 +226,9 @@ def reconstruct(
 
     from tofrender import io, nlos, vis
 
-    captured = io.load_capture(
-        source, wall_size=wall_size, bin_width_s=bin_width_s, start_s=start_s
-    )
+    captured = io.load_capture(source, **vars(measured))
     opt.check_disk_space(out, captured["transient"].size)
-    with opt.client_of(workers, scheduler) as client:
+    with processes.client() as client:
         volume = nlos.reconstruct(captured, method, client=client)
     brightness = nlos.max_projection(volume)
     depth = nlos.depth_map(volume)

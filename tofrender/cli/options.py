@@ -1,20 +1,22 @@
 """Options that several commands share, and the checks of their values.
 
-The options of `render` come from the table in `rendering/settings.py`. Typer prints the help, but
-its messages for bad values do not contain the value. Therefore each option here has a check that
-refuses a bad value in one line: `--option = value: must be ...`. This module does not import
+The options of `render` come from the fields of `RenderSettings` in `rendering/settings.py`. Options
+that several commands share are the fields of dataclasses, see `with_groups`. Typer prints the help,
+but its messages for bad values do not contain the value. Therefore each option here has a check
+that refuses a bad value in one line: `--option = value: must be ...`. This module does not import
 Mitsuba, so that `--help` answers at once.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import partial, wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 
@@ -311,6 +313,145 @@ Dpi = Annotated[
 ]
 
 
+# ---------------------------------------------------------------------- groups of options
+@dataclass(frozen=True)
+class Picture:
+    """Options of commands that render a picture of a scene."""
+
+    spp: Spp = None
+    size: Pixels = None
+    max_depth: MaxDepth = None
+    seed: Seed = 0
+    variant: Variant = None
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Options of commands that draw a figure."""
+
+    figure: Figure = "png"
+    dpi: Dpi = None
+
+
+@dataclass(frozen=True)
+class Files:
+    """Options of commands that write all files of a render."""
+
+    format: Format = "frames"
+    precision: Precision = "float"
+    video: Video = True
+    figure: Figure = "png"
+    dpi: Dpi = None
+
+    def __post_init__(self) -> None:
+        # Some formats do not support half precision
+        if self.format in ("npz", "zarr", "png") and self.precision != "float":
+            raise ValueError(
+                f"--precision = {self.precision}: must be float with --format {self.format}"
+            )
+
+
+@dataclass(frozen=True)
+class Processes:
+    """Options of commands that can use several processes."""
+
+    workers: Workers = None
+    scheduler: Scheduler = None
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.scheduler is not None:
+            raise ValueError("--scheduler and --workers cannot be combined. Use one of them")
+
+    @property
+    def are_given(self) -> bool:
+        """Whether the user has given one of the options."""
+        return self.workers is not None or self.scheduler is not None
+
+    def client(self) -> AbstractContextManager[Client | None]:
+        """Open a Dask client of the processes; None without an option."""
+        from tofrender.rendering.workers import workers_for
+
+        return workers_for(self.workers, self.scheduler)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Options that become one argument of a command.
+
+    Attributes:
+        make: Function that returns the argument. It is called with the values of all options.
+        options: The options, as parameters of a function.
+    """
+
+    make: Callable[..., Any]
+    options: tuple[Parameter, ...]
+
+    @classmethod
+    def of_record(cls, record: type) -> Group:
+        """Return the group of a dataclass, with an option for each field."""
+        hints = get_type_hints(record, include_extras=True)
+        defaults = {
+            each.name: Parameter.empty if each.default is MISSING else each.default
+            for each in fields(record)
+        }
+        options = [
+            Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=hints[name])
+            for name, default in defaults.items()
+        ]
+        return cls(record, tuple(options))
+
+    @classmethod
+    def of_settings(cls, defaults: Mapping[str, Any], special: Mapping[str, Any]) -> Group:
+        """Return a group of settings of a render, which become a dict.
+
+        Args:
+            defaults: Default of each setting by name.
+            special: Annotations of options that the table of settings does not describe.
+        """
+        options = []
+        for name, default in defaults.items():
+            is_switch = SETTINGS[name].check is checks.boolean
+            shown = FROM_SCENE if default is None else None
+            kind = Annotated[bool if is_switch else Any, setting(name, default=shown)]
+            annotation = special.get(name, kind)
+            options.append(
+                Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+            )
+        return cls(dict, tuple(options))
+
+
+def with_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Let a command have the options of its groups.
+
+    A group is a parameter whose type is a dataclass of options, or is annotated by a `Group`.
+    """
+    groups: dict[str, Group] = {}
+    parameters = []
+    old = signature(command, eval_str=True)
+    for each in old.parameters.values():
+        metadata = getattr(each.annotation, "__metadata__", ())
+        if isinstance(each.annotation, type) and is_dataclass(each.annotation):
+            groups[each.name] = Group.of_record(each.annotation)
+        elif metadata and isinstance(metadata[0], Group):
+            groups[each.name] = metadata[0]
+
+        # Replace a group by its options
+        if each.name in groups:
+            parameters += groups[each.name].options
+        else:
+            parameters.append(each.replace(kind=Parameter.KEYWORD_ONLY))
+
+    @wraps(command)
+    def call(**values: Any) -> None:
+        for name, group in groups.items():
+            of_group = {each.name: values.pop(each.name) for each in group.options}
+            values[name] = group.make(**of_group)
+        command(**values)
+
+    call.__signature__ = old.replace(parameters=parameters)  # type: ignore
+    return call
+
+
 # ---------------------------------------------------------------------- parts of commands
 def with_progress(command: Callable[..., None]) -> Callable[..., None]:
     """Add the option --no-progress to a command. `app.Command` reads the option."""
@@ -350,20 +491,6 @@ def note(line: str) -> None:
 def dots(dpi: int | None) -> dict[str, Any]:
     """Return the argument `dpi` of `save_figure`, or no argument if `dpi` is None."""
     return {} if dpi is None else {"dpi": dpi}
-
-
-def check_client(workers: int | None, scheduler: str | None) -> None:
-    """Refuse --workers together with --scheduler."""
-    if workers is not None and scheduler is not None:
-        raise ValueError("--scheduler and --workers cannot be combined. Use one of them")
-
-
-def client_of(workers: int | None, scheduler: str | None) -> AbstractContextManager[Client | None]:
-    """Open a Dask client of local workers or of a scheduler; None without either option."""
-    from tofrender.rendering.workers import workers_for
-
-    check_client(workers, scheduler)
-    return workers_for(workers, scheduler)
 
 
 @contextmanager
@@ -407,12 +534,6 @@ def check_apart(out: Path, source: Path) -> None:
     read = source.resolve()
     if written == read or written in read.parents or read in written.parents:
         raise ValueError(f"--out = {out}: must be outside of {source}, which is read")
-
-
-def check_format(format: str, precision: str) -> None:
-    """Refuse half precision for formats that do not support it."""
-    if format in ("npz", "zarr", "png") and precision != "float":
-        raise ValueError(f"--precision = {precision}: must be float with --format {format}")
 
 
 def load_render(out: Path, option: str) -> xr.Dataset:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from ..rendering.settings import RenderSettings
 from ..runtime import atomic
-from ..runtime.progress import EVERY_S, deferred_stop
-from . import checkpoints, frames as animation, options as opt
+from ..runtime.progress import deferred_stop
+from . import checkpoints, options as opt
 from .answers import Json, answer, render_facts
+from .frames import Animation, check_single, render_frames
 from .writing import write
 
 if TYPE_CHECKING:
@@ -28,15 +29,9 @@ WINDOW = ("start_opl", "bin_width", "window")
 """Settings of the time bins."""
 
 
-def render(
-    scene: opt.Scene,
-    out: opt.Out,
-    spp: opt.Spp = None,
-    size: opt.Pixels = None,
-    bins: Annotated[int | None, opt.setting("bins")] = None,
-    start_opl: Annotated[float | None, opt.setting("start_opl")] = None,
-    bin_width: Annotated[float | None, opt.setting("bin_width")] = None,
-    window: Annotated[
+SPECIAL: dict[str, Any] = {
+    "size": opt.Pixels,
+    "window": Annotated[
         Any,
         opt.setting(
             "window",
@@ -44,8 +39,8 @@ def render(
             "auto looks for the arrival of the light; scene keeps the scene's bins.",
             default=AUTOMATIC,
         ),
-    ] = None,
-    pulse_width: Annotated[
+    ],
+    "pulse_width": Annotated[
         Any,
         opt.setting(
             "pulse_width",
@@ -53,16 +48,8 @@ def render(
             "auto is 1/128 of the window; scene keeps the scene's pulse.",
             default=AUTOMATIC,
         ),
-    ] = None,
-    max_depth: opt.MaxDepth = None,
-    integrator: Annotated[str | None, opt.setting("integrator")] = None,
-    sampler: Annotated[str | None, opt.setting("sampler")] = None,
-    sensor: Annotated[int, opt.setting("sensor", default=None)] = 0,
-    variant: opt.Variant = None,
-    seed: opt.Seed = 0,
-    format: opt.Format = "frames",
-    precision: opt.Precision = "float",
-    define: Annotated[
+    ],
+    "define": Annotated[
         list[Any] | None,
         opt.checked(
             opt.definition,
@@ -71,36 +58,28 @@ def render(
             "--define",
             metavar="NAME=VALUE",
         ),
-    ] = None,
-    video: opt.Video = True,
-    figure: opt.Figure = "png",
-    dpi: opt.Dpi = None,
-    errors: Annotated[bool, opt.setting("errors")] = False,
-    denoise: Annotated[bool, opt.setting("denoise")] = False,
-    frames: Annotated[
-        int | None,
-        opt.integer(1, 10_000, "Number of frames of an animation", show_default="a single render"),
-    ] = None,
-    frame_time: Annotated[
-        float | None,
-        opt.positive("seconds", "Time between two frames [s], required with --frames"),
-    ] = None,
-    exposure: Annotated[
-        float, opt.real(0, "With --frames, exposure time of each row of pixels [s]")
-    ] = 0.0,
-    poses: Annotated[
-        int | None,
-        opt.integer(
-            1, 4096, "With --frames, poses of the scene in each exposure", show_default="8"
-        ),
-    ] = None,
-    row_time: Annotated[
-        float, opt.real(0, "With --frames, delay from one row of pixels to the next [s]")
-    ] = 0.0,
-    workers: opt.Workers = None,
-    scheduler: opt.Scheduler = None,
-    checkpoint: checkpoints.Seconds = EVERY_S,
-    resume: checkpoints.Resume = False,
+    ],
+}
+"""Options for settings with other values than in Python."""
+
+DEFAULTS = {each.name: each.default for each in fields(RenderSettings)}
+OPTIONS = {name: DEFAULTS[name] for name in DEFAULTS if name not in ("scene", "settings")}
+"""Settings that are options, with their defaults."""
+
+SETTINGS = opt.Group.of_settings(OPTIONS, SPECIAL)
+
+
+@opt.with_groups
+def render(
+    scene: opt.Scene,
+    out: opt.Out,
+    *,
+    options: Annotated[dict[str, Any], SETTINGS],
+    variant: opt.Variant = None,
+    files: opt.Files,
+    animation: Animation,
+    processes: opt.Processes,
+    stopping: checkpoints.Stopping,
     as_json: Json = False,
 ) -> None:
     """Render light in flight to a stack of images.
@@ -135,18 +114,18 @@ def render(
         tofrender render cornell_box --out box --spp 64
         tofrender render scene.xml --out hall --bins 500 --window 2,20 --format npz
     """
-    options = locals().copy()
-
     # ------------------------------------------ Check all options before any work starts
-    opt.check_format(format, precision)
-    opt.check_client(workers, scheduler)
-    if denoise and (workers or scheduler or format == "zarr"):
+    resume = stopping.resume
+    denoise = options["denoise"]
+    on_disk = files.format == "zarr"
+    if denoise and (processes.are_given or on_disk):
         raise ValueError(
             "--denoise cannot be combined with --workers, --scheduler or --format zarr. Remove one "
             "of them"
         )
-    animation.check(options)
-    if frames is None:
+    if animation.times:
+        check_single(out, files, options | vars(processes) | vars(stopping))
+    else:
         opt.check_out(out)
     opt.activate(variant, polarized=True)
 
@@ -156,45 +135,51 @@ def render(
     from tofrender.rendering.work_items import render_item
     from tofrender.scenes.loading import find_scene
 
-    options |= {"scene": find_scene(scene), "define": dict(define or ())}
-    names = {field.name for field in fields(RenderSettings)}
-    settings = _with_time({name: options[name] for name in names & options.keys()})
-    if frames is not None and frame_time is not None:
+    found = {"scene": find_scene(scene), "define": dict(options["define"] or ())}
+    settings = _with_time(options | found)
+    if animation.times:
         from tofrender.motion.frames import Shutter, open_frames
 
-        shutter = Shutter(exposure, poses, row_time)
-        times = [k * frame_time for k in range(frames)]
-        job, shutter = open_frames(settings, times, shutter)
-        if window is None:
+        shutter = Shutter(animation.exposure, animation.poses, animation.row_time)
+        job, shutter = open_frames(settings, animation.times, shutter)
+        if options["window"] is None:
             _report_time(settings, job)
-        animation.render_frames(job, times, shutter, options)
+        render_frames(
+            job,
+            animation.times,
+            shutter,
+            out=out,
+            files=files,
+            resume=resume,
+            as_json=as_json,
+        )
         return
     job = make_job(settings)
-    if window is None:
+    if options["window"] is None:
         _report_time(settings, job)
     height, width, count, channels = job.film.shape
-    films = 2 if errors else 1
+    films = 2 if job.settings.errors else 1
     cells = height * width * films * count
-    opt.check_out(out, (height, width, films * count, channels), precision)
-    if checkpoint:
+    opt.check_out(out, (height, width, films * count, channels), files.precision)
+    if stopping.checkpoint:
         # A checkpoint contains the weight of the samples in each bin as well
         opt.check_disk_space(out, cells * channels, cells * (channels + 1))
 
     complete = _complete(out, job) if resume and checkpoints.unfinished_work(out) is None else None
     if complete is not None:
-        files = sorted(path.name for path in out.iterdir())
+        names = sorted(path.name for path in out.iterdir())
         lines = [f"{out}: already complete, {complete.attrs['spp']} samples per pixel"]
-        answer("render", as_json, render_facts(complete, out, files), lines)
+        answer("render", as_json, render_facts(complete, out, names), lines)
         return
 
     # ---------------------------------------------------------------- Render and write
     with (
-        checkpoints.checkpointed(out, checkpoint, resume) as file,
-        opt.client_of(workers, scheduler) as client,
+        checkpoints.checkpointed(out, stopping.checkpoint, resume) as file,
+        processes.client() as client,
     ):
         film = checkpoints.film_path(out)
         begun = checkpoints.is_begun(film) and not denoise
-        if client is None and format != "zarr" and not begun and _fits(job):
+        if client is None and not on_disk and not begun and _fits(job):
             earlier = _earlier(out, file) if resume else None
             result = render_item(job, remaining(job, earlier), checkpoint=file)
             dataset = dataset_of(job, result, earlier)
@@ -203,10 +188,10 @@ def render(
             dataset = dataset_of(job, collect(job, client, file))
         else:
             checkpoints.require_begun(resume, film, out)
-            dataset = _on_disk(job, film, client, checkpoint, resume)
+            dataset = _on_disk(job, film, client, stopping.checkpoint, resume)
         with deferred_stop() as stop:
-            files = write(dataset, out, format, precision, video, figure, dpi)
-        answer("render", as_json, render_facts(dataset, out, files), _report(dataset, out, files))
+            names = write(dataset, out, files)
+        answer("render", as_json, render_facts(dataset, out, names), _report(dataset, out, names))
         checkpoints.end_if_incomplete(dataset.attrs)
     checkpoints.end_if_stopped(stop)
 

@@ -21,6 +21,7 @@ GATE_WIDTH = 0.03
 """Standard deviation of a gate if the scene's integrator has no pulse [m]."""
 
 
+@opt.with_groups
 def phasor(
     source: Annotated[
         str,
@@ -31,15 +32,10 @@ def phasor(
         list[float],
         opt.frequency("Modulation frequency; repeat the option for more frequencies"),
     ],
-    spp: opt.Spp = None,
-    size: opt.Pixels = None,
-    max_depth: opt.MaxDepth = None,
-    seed: opt.Seed = 0,
-    variant: opt.Variant = None,
-    figure: opt.Figure = "png",
-    dpi: opt.Dpi = None,
-    checkpoint: checkpoints.Seconds = EVERY_S,
-    resume: checkpoints.Resume = False,
+    *,
+    picture: opt.Picture,
+    drawing: opt.Drawing,
+    stopping: checkpoints.Stopping,
     as_json: Json = False,
 ) -> None:
     """Make phasor images of an AMCW camera.
@@ -60,13 +56,13 @@ def phasor(
     if os.path.isdir(source):
         opt.check_apart(out, Path(source))
         of_scenes = {
-            "--spp": spp,
-            "--size": size,
-            "--max-depth": max_depth,
-            "--variant": variant,
-            "--resume": resume or None,
-            "--seed": seed or None,
-            "--checkpoint": None if checkpoint == EVERY_S else checkpoint,
+            "--spp": picture.spp,
+            "--size": picture.size,
+            "--max-depth": picture.max_depth,
+            "--variant": picture.variant,
+            "--resume": stopping.resume or None,
+            "--seed": picture.seed or None,
+            "--checkpoint": None if stopping.checkpoint == EVERY_S else stopping.checkpoint,
         }
         for option, value in of_scenes.items():
             if value is not None:
@@ -81,30 +77,34 @@ def phasor(
         parts = transient_to_phasor(rendered, freq)
         first = int(rendered["x"][0]), int(rendered["y"][0])
         with checkpoints.exclusively(out), deferred_stop() as stop:
-            facts = _write_phasors(out, freq, parts, source, figure, dpi, first)
+            facts = _write_phasors(out, freq, parts, source, drawing, first)
     else:
-        loaded, sensor, samples = load(source, spp, size, max_depth, variant)
+        loaded, sensor, samples = load(source, picture)
         from tofrender.integrators.amcw import render_amcw_phasor
 
         opt.check_disk_space(out, len(LAYERS) * len(freq) * values(sensor))
-        more: Any = {"frequencies_hz": freq, "spp": samples, "seed": seed}
-        recipe = checkpoints.recipe_of(loaded, sensor, **more, figure=figure, dpi=dpi)
-        if resume and checkpoints.answer_if_finished("phasor", out, PHASORS, recipe, as_json):
+        more: Any = {"frequencies_hz": freq, "spp": samples, "seed": picture.seed}
+        recipe = checkpoints.recipe_of(loaded, sensor, **more, **vars(drawing))
+        if stopping.resume and checkpoints.answer_if_finished(
+            "phasor", out, PHASORS, recipe, as_json
+        ):
             return
-        with checkpoints.checkpointed(out, checkpoint, resume) as file:
-            checkpoints.require_begun(resume, file and file.path, out)
-            parts = render_amcw_phasor(loaded, sensor, freq, samples, seed, checkpoint=file)
+        with checkpoints.checkpointed(out, stopping.checkpoint, stopping.resume) as file:
+            checkpoints.require_begun(stopping.resume, file and file.path, out)
+            parts = render_amcw_phasor(loaded, sensor, freq, samples, picture.seed, checkpoint=file)
             with deferred_stop() as stop:
                 first = first_pixel(sensor)
-                facts = _write_phasors(out, freq, parts, source, figure, dpi, first, recipe)
+                facts = _write_phasors(out, freq, parts, source, drawing, first, recipe)
     answer("phasor", as_json, facts, [f"{out}: {', '.join(facts['files'])}"])
     checkpoints.end_if_stopped(stop)
 
 
+@opt.with_groups
 def gate(
     scene: opt.Scene,
     out: opt.Out,
     at: Annotated[float, opt.real(0, "Optical path length of the gate [m]")],
+    *,
     pulse_width: Annotated[
         float | None,
         opt.positive(
@@ -113,15 +113,9 @@ def gate(
             show_default=f"the scene's pulse, otherwise {GATE_WIDTH}",
         ),
     ] = None,
-    spp: opt.Spp = None,
-    size: opt.Pixels = None,
-    max_depth: opt.MaxDepth = None,
-    seed: opt.Seed = 0,
-    variant: opt.Variant = None,
-    figure: opt.Figure = "png",
-    dpi: opt.Dpi = None,
-    checkpoint: checkpoints.Seconds = EVERY_S,
-    resume: checkpoints.Resume = False,
+    picture: opt.Picture,
+    drawing: opt.Drawing,
+    stopping: checkpoints.Stopping,
     as_json: Json = False,
 ) -> None:
     """Render one instant, given as a path length.
@@ -134,7 +128,7 @@ def gate(
         tofrender gate scene.xml --at 3.5 --pulse-width 0.05 --spp 256 --out gate
     """
     opt.check_out(out)
-    loaded, sensor, samples = load(scene, spp, size, max_depth, variant)
+    loaded, sensor, samples = load(scene, picture)
     from tofrender import io, vis
     from tofrender.integrators.time_gated import render_at_time
 
@@ -147,21 +141,22 @@ def gate(
         opl=at,
         pulse_width_opl=width,
         spp=samples,
-        seed=seed,
-        figure=figure,
-        dpi=dpi,
+        seed=picture.seed,
+        **vars(drawing),
     )
-    if resume and checkpoints.answer_if_finished("gate", out, GATE, recipe, as_json):
+    if stopping.resume and checkpoints.answer_if_finished("gate", out, GATE, recipe, as_json):
         return
-    with checkpoints.checkpointed(out, checkpoint, resume) as file:
-        checkpoints.require_begun(resume, file and file.path, out)
-        image = render_at_time(loaded, integrator, sensor, at, samples, seed, checkpoint=file)
+    with checkpoints.checkpointed(out, stopping.checkpoint, stopping.resume) as file:
+        checkpoints.require_begun(stopping.resume, file and file.path, out)
+        image = render_at_time(
+            loaded, integrator, sensor, at, samples, picture.seed, checkpoint=file
+        )
         if not image.any():
             raise ValueError(
                 f"--at = {at:g}: no light arrives at this path length. Use `tofrender render` to "
                 "find when light arrives"
             )
-        files = [GATE, f"picture.{figure}"]
+        files = [GATE, f"picture.{drawing.figure}"]
         rows, columns = image.shape[:2]
         facts = {
             "out": str(out),
@@ -172,7 +167,7 @@ def gate(
             "at": at,
             "pulse_width": width,
             "spp": samples,
-            "seed": seed,
+            "seed": picture.seed,
         }
         attrs = {"opl": at, "pulse_width_opl": width, "units": "W m^-3 sr^-1", "spp": samples}
         attrs |= checkpoints.run_attribute(recipe, facts)
@@ -180,27 +175,25 @@ def gate(
             first = first_pixel(sensor)
             io.save_exr_layers(folder / files[0], {"": image}, attrs, first_pixel=first)
             drawn = vis.gate_figure(image, at, width)
-            io.save_figure(drawn, folder / files[1], **opt.dots(dpi))
+            io.save_figure(drawn, folder / files[1], **opt.dots(drawing.dpi))
     answer("gate", as_json, facts, [f"{out}: {', '.join(files)}"])
     checkpoints.end_if_stopped(stop)
 
 
-def load(
-    source: str, spp: int | None, size: opt.Size | None, max_depth: int | None, variant: str | None
-) -> tuple[Any, Any, int]:
+def load(source: str, picture: opt.Picture) -> tuple[Any, Any, int]:
     """Load a scene and replace its integrator by a transient integrator if necessary.
 
     Returns:
         The scene, its first sensor, and the number of samples per pixel.
     """
-    opt.activate(variant)
+    opt.activate(picture.variant)
     from tofrender.scenes.loading import find_scene, load_scene, require_light, require_sensor
     from tofrender.scenes.transient_integrators import transient_integrator_for
 
     found = find_scene(source)
-    settings: dict[str, Any] = {"max_depth": max_depth}
-    if size is not None:
-        settings |= size._asdict()
+    settings: dict[str, Any] = {"max_depth": picture.max_depth}
+    if picture.size is not None:
+        settings |= picture.size._asdict()
     loaded = load_scene(found, **settings)
     require_sensor(loaded)
     if getattr(loaded.integrator(), "traits", None) is None:
@@ -211,7 +204,7 @@ def load(
     if own.needs_lights:
         require_light(loaded)
     sensor = loaded.sensors()[0]
-    return loaded, sensor, spp or sensor.sampler().sample_count()
+    return loaded, sensor, picture.spp or sensor.sampler().sample_count()
 
 
 def _gated(scene: Any, pulse_width: float | None) -> Any:
@@ -231,7 +224,7 @@ def _gated(scene: Any, pulse_width: float | None) -> Any:
             "`tofrender render`"
         )
     width = pulse_width or (GATE_WIDTH if own.pulse is None else own.pulse.width_opl)
-    if not hasattr(own, "gate"):
+    if not own.has_gates:
         traits = own.traits | {"type": "time_gated_transient_path"}
         own = load_plugin("integrator", traits | {"pulse_width_opl": width})
     own.pulse = GaussianPulse(width)
@@ -263,8 +256,7 @@ def _write_phasors(
     frequencies: list[float],
     parts: tuple[np.ndarray, ...],
     source: str,
-    figure: str,
-    dpi: int | None,
+    drawing: opt.Drawing,
     first: tuple[int, int],
     recipe: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
@@ -275,8 +267,7 @@ def _write_phasors(
         frequencies: Modulation frequencies [Hz].
         parts: Arrays of the layers `LAYERS`, each with the frequencies along its first axis.
         source: Scene or folder, as the user has given it.
-        figure: File type of the figure.
-        dpi: Resolution of the figure, or None.
+        drawing: File type and resolution of the figure.
         first: Column and row of the first pixel, for a crop window.
         recipe: Everything that the result depends on. It is stored in the attributes of the files,
             so that `--resume` recognizes a finished run. None without such a check.
@@ -287,7 +278,7 @@ def _write_phasors(
     from tofrender import io, vis
 
     files = [f"phasor_{_label(frequency)}.exr" for frequency in frequencies]
-    files.append(f"panel.{figure}")
+    files.append(f"panel.{drawing.figure}")
     height, width = parts[0].shape[1:3]
     facts = {
         "out": str(out),
@@ -305,5 +296,5 @@ def _write_phasors(
             attrs = {"frequency_hz": frequency, **run}
             io.save_exr_layers(folder / files[k], layers, attrs, first_pixel=first)
         panel = vis.phasor_panel(frequencies, *parts, title=source)
-        io.save_figure(panel, folder / files[-1], **opt.dots(dpi))
+        io.save_figure(panel, folder / files[-1], **opt.dots(drawing.dpi))
     return facts

@@ -7,11 +7,12 @@ from typing import Annotated
 from ..runtime import checks
 from . import options as opt
 from .report import load_result
-from .warp import Browser, Host, Port
+from .warp import Page
 
 MAX_SPP = 1024
 
 
+@opt.with_groups
 def view(
     source: Annotated[
         str,
@@ -28,10 +29,8 @@ def view(
     out: Annotated[
         Path | None, opt.named("FILE", "With --live, npz file that the button Save writes.")
     ] = None,
-    host: Host = "127.0.0.1",
-    port: Port = None,
-    browser: Browser = True,
-    variant: opt.Variant = None,
+    *,
+    page: Page,
 ) -> None:
     """View light in time in the browser.
 
@@ -58,8 +57,8 @@ def view(
         if source in BUILT_IN:
             raise ValueError(f"DIR|FILE|SCENE = {name} is a scene. Add --live to render it")
         raise ValueError(f"DIR|FILE|SCENE = {name} does not exist, and is not a built-in scene")
-    prepare(host, port)
-    opt.activate(variant, polarized=not live)
+    prepare(page.host, page.port)
+    opt.activate(page.variant, polarized=not live)
 
     from tofrender.apps.view.sources import LiveRender, SavedDataset
     from tofrender.apps.view.window import application
@@ -83,9 +82,10 @@ def view(
         shown = SavedDataset(Path(source), load_result)
     with closing(shown) if isinstance(shown, LiveRender) else nullcontext():
         make = application(shown, target)
-        serve(make, "Light in time", host=host, port=port, browser=browser, tell=opt.say)
+        serve(make, "Light in time", **page.address, tell=opt.say)
 
 
+@opt.with_groups
 def compare(
     one: Annotated[
         str, opt.argument("SCENE|DIR|FILE", "Scene of the course, picture, or film.")
@@ -94,10 +94,8 @@ def compare(
         list[str] | None,
         opt.argument("[DIR|FILE]...", "Further pictures or films of the same size."),
     ] = None,
-    host: Host = "127.0.0.1",
-    port: Port = None,
-    browser: Browser = True,
-    variant: opt.Variant = None,
+    *,
+    page: Page,
 ) -> None:
     """Compare pictures or films in the browser.
 
@@ -113,8 +111,8 @@ def compare(
     """
     from tofrender.apps.ui.serving import prepare, serve
 
-    prepare(host, port)
-    opt.activate(variant)
+    prepare(page.host, page.port)
+    opt.activate(page.variant)
 
     from tofrender.apps.compare.picture_set import PictureSet, load
     from tofrender.apps.compare.pictures import SCENES
@@ -125,4 +123,4 @@ def compare(
         make = application(files=files)
     else:
         make = application(scene=checks.one_of("SCENE|DIR|FILE", one, SCENES))
-    serve(make, "Comparison", host=host, port=port, browser=browser, tell=opt.say)
+    serve(make, "Comparison", **page.address, tell=opt.say)

@@ -55,6 +55,33 @@ Port = Annotated[int | None, opt.integer(1, 65535, "Port to listen on", show_def
 Browser = Annotated[bool, typer.Option(help="Open the page if the machine has a screen.")]
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """Options of a warp and of its points."""
+
+    alpha: Alpha = None
+    image: Image = None
+    parameters: Parameters = None
+    points: Points = "independent"
+    count: Count = 1024
+
+
+@dataclass(frozen=True)
+class Page:
+    """Options of commands that serve a page."""
+
+    host: Host = "127.0.0.1"
+    port: Port = None
+    browser: Browser = True
+    variant: opt.Variant = None
+
+    @property
+    def address(self) -> dict[str, Any]:
+        """Arguments of `serve`."""
+        return {"host": self.host, "port": self.port, "browser": self.browser}
+
+
+@opt.with_groups
 def warptest(
     name: Annotated[
         str | None,
@@ -68,18 +95,12 @@ def warptest(
     out: Annotated[
         Path | None, opt.named("FIGURE", "With --headless and NAME, figure to write.")
     ] = None,
-    alpha: Alpha = None,
-    image: Image = None,
-    parameters: Parameters = None,
-    points: Points = "independent",
-    count: Count = 1024,
+    *,
+    drawn: Drawn,
     samples: Samples = TEST_SAMPLES,
     dpi: opt.Dpi = None,
     seed: opt.Seed = 0,
-    host: Host = "127.0.0.1",
-    port: Port = None,
-    browser: Browser = True,
-    variant: opt.Variant = None,
+    page: Page,
 ) -> None:
     """Explore and test warps in the browser.
 
@@ -92,34 +113,32 @@ def warptest(
         tofrender warptest cosine_hemisphere
         tofrender warptest --module warps.py --headless
     """
-    given = _parameters(name if headless else name or "tent", alpha, image, parameters)
+    given = _parameters(name if headless else name or "tent", drawn)
     if headless:
-        figure = _Figure(out=out, points=points, count=count, dpi=dpi)
-        _headless(name, module, given, figure, samples, seed, variant)
+        figure = _Figure(out=out, points=drawn.points, count=drawn.count, dpi=dpi)
+        _headless(name, module, given, figure, samples, seed, page.variant)
         return
     if out is not None:
         raise ValueError(f"--out = {out} requires --headless")
 
     from tofrender.apps.ui.serving import prepare, serve
 
-    prepare(host, port)
-    opt.activate(variant, polarized=True)
+    prepare(page.host, page.port)
+    opt.activate(page.variant, polarized=True)
 
     from tofrender.apps.warptest import application
 
     make, engine = application(name or "tent", module=module, **given)
     with closing(engine):
-        serve(make, "Warp tester", host=host, port=port, browser=browser, tell=opt.say)
+        serve(make, "Warp tester", **page.address, tell=opt.say)
 
 
+@opt.with_groups
 def warp(
     name: Annotated[str, opt.choice(WARPS, "Warp to draw", kind=typer.Argument)],
     out: Annotated[Path, opt.named("FIGURE", "Figure to write: .png, .pdf or .svg.")],
-    alpha: Alpha = None,
-    image: Image = None,
-    parameters: Parameters = None,
-    points: Points = "independent",
-    count: Count = 1024,
+    *,
+    drawn: Drawn,
     dpi: opt.Dpi = None,
     seed: opt.Seed = 0,
     variant: opt.Variant = None,
@@ -134,24 +153,26 @@ def warp(
         tofrender warp cosine_hemisphere --out warp.png
         tofrender warp beckmann --alpha 0.3 --points sobol --out beckmann.pdf
     """
-    given = _parameters(name, alpha, image, parameters, complete=True)
-    figure = _Figure(out=out, points=points, count=count, dpi=dpi)
+    given = _parameters(name, drawn, complete=True)
+    figure = _Figure(out=out, points=drawn.points, count=drawn.count, dpi=dpi)
     _headless(name, None, given, figure, TEST_SAMPLES, seed, variant)
 
 
-def _parameters(
-    name: str | None, alpha: Any, image: Any, parameters: Any, complete: bool = False
-) -> dict[str, Any]:
+def _parameters(name: str | None, drawn: Drawn, complete: bool = False) -> dict[str, Any]:
     """Return the parameters of a warp.
 
     Raises:
         ValueError: A parameter does not belong to the warp, or is missing although the parameters
             must be `complete`.
     """
-    given = {key: opt.number(text) for key, text in parameters or ()}
-    if name is None and (given or alpha is not None or image is not None):
+    given = {key: opt.number(text) for key, text in drawn.parameters or ()}
+    if name is None and (given or drawn.alpha is not None or drawn.image is not None):
         raise ValueError("--alpha, --image and -D require the argument NAME")
-    for option, value, owner in (("alpha", alpha, "beckmann"), ("image", image, "hierarchical")):
+    of_one_warp = (
+        ("alpha", drawn.alpha, "beckmann"),
+        ("image", drawn.image, "hierarchical"),
+    )
+    for option, value, owner in of_one_warp:
         if value is None and name == owner and complete:
             raise ValueError(f"--{option} is missing, but {name} needs it")
         if value is not None and name != owner:

@@ -17,14 +17,11 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+@opt.with_groups
 def merge(
     sources: Annotated[list[Path], opt.argument("DIR...", "Folders of `tofrender render`.")],
     out: opt.Out,
-    format: opt.Format = "frames",
-    precision: opt.Precision = "float",
-    video: opt.Video = True,
-    figure: opt.Figure = "png",
-    dpi: opt.Dpi = None,
+    files: opt.Files,
 ) -> None:
     """Join renders of one scene with different seeds.
 
@@ -36,7 +33,6 @@ def merge(
         tofrender merge seed_1 seed_2 --out joined
         tofrender merge seed_1 seed_2 seed_3 seed_4 --out joined --format npz
     """
-    opt.check_format(format, precision)
     opt.check_out(out)
     backend.activate()
 
@@ -50,22 +46,14 @@ def merge(
         renders.append(opt.load_render(source, "DIR"))
     merged = join(renders)
     height, width, bins, channels = in_channels(merged)["transient"].shape
-    opt.check_out(out, (height, width, bins, channels), precision)
+    opt.check_out(out, (height, width, bins, channels), files.precision)
     with exclusively(out), deferred_stop():
-        files = write(merged, out, format, precision, video, figure, dpi)
-    names = [name for name in files if not name.startswith("frame_")]
+        written = write(merged, out, files)
+    names = [name for name in written if not name.startswith("frame_")]
     opt.say(f"{out}: {merged.attrs['spp']} samples per pixel, {', '.join(names)}")
 
 
-def write(
-    dataset: xr.Dataset,
-    out: Path,
-    format: str,
-    precision: str,
-    video: bool,
-    figure: str,
-    dpi: int | None,
-) -> list[str]:
+def write(dataset: xr.Dataset, out: Path, files: opt.Files) -> list[str]:
     """Write all files of a render into the folder `out`, and return their names.
 
     The folder appears when all files are complete. Pictures of polarized renders show S0, and
@@ -79,20 +67,20 @@ def write(
 
     def write_figures() -> None:
         page = vis.summary_figure(dataset)
-        io.save_figure(page, folder / f"summary.{figure}", **opt.dots(dpi))
+        io.save_figure(page, folder / f"summary.{files.figure}", **opt.dots(files.dpi))
         if "stokes" in dataset.dims:
             page = vis.polarization_figure(dataset["steady"])
-            io.save_figure(page, folder / f"polarization.{figure}", **opt.dots(dpi))
+            io.save_figure(page, folder / f"polarization.{files.figure}", **opt.dots(files.dpi))
 
-    needed = stack_bytes(in_channels(dataset)["transient"].shape, precision)
+    needed = stack_bytes(in_channels(dataset)["transient"].shape, files.precision)
     with io.output_folder(out, overwrite=True, needed_bytes=needed) as folder:
-        write_transient = partial(_write_transient, dataset, folder, format, precision, not video)
+        write_transient = partial(_write_transient, dataset, folder, files)
         write_video = partial(io.save_video, dataset, folder / "video.mp4")
-        run_concurrently(write_figures, write_transient, *[write_video] * video)
-        if format == "zarr":
+        run_concurrently(write_figures, write_transient, *[write_video] * files.video)
+        if files.format == "zarr":
             # The film moves last. If another file failed, the film would be lost with the folder.
             film = dataset.encoding.get("source")
-            target = folder / FORMATS[format]
+            target = folder / FORMATS[files.format]
             if film is None:
                 save_zarr(dataset, target)
             else:
@@ -100,16 +88,15 @@ def write(
         return sorted(path.name for path in folder.iterdir())
 
 
-def _write_transient(
-    dataset: xr.Dataset, folder: Path, format: str, precision: str, progress: bool
-) -> None:
+def _write_transient(dataset: xr.Dataset, folder: Path, files: opt.Files) -> None:
     """Write the time bins and their sum; for Zarr the sum only."""
     from tofrender import io, vis
     from tofrender.io.pictures import write_png
     from tofrender.rendering.dataset import components_of
 
     components = components_of(dataset)
-    bar: Any = {"progress": progress}
+    format = files.format
+    bar: Any = {"progress": not files.video}
     if format == "npz":
         io.save_npz(dataset, folder / FORMATS[format])
     elif format == "zarr":
@@ -120,12 +107,12 @@ def _write_transient(
         io.save_exr_layers(folder / "steady.exr", layers, dataset.attrs, first_pixel=first)
     elif format == "multipart":
         stack = folder / FORMATS[format]
-        io.save_exr_stack(dataset, stack, layout=format, precision=precision, **bar)
+        io.save_exr_stack(dataset, stack, layout=format, precision=files.precision, **bar)
     elif format == "png":
         _move_up(io.save_png_frames(dataset, folder / "frames", **bar))
         write_png(vis.tonemap(components[0]["steady"].values), folder / "steady.png")
     else:
-        _move_up(io.save_exr_stack(dataset, folder / "frames", precision=precision, **bar))
+        _move_up(io.save_exr_stack(dataset, folder / "frames", precision=files.precision, **bar))
 
 
 def _move_up(folder: Path) -> None:

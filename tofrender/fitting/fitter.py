@@ -20,6 +20,7 @@ from ..integrators.differentiable import VisibilityWarning
 from ..labels import TRANSIENT, Kind, bins_of, read, require_whole_stokes
 from ..rendering.dataset import pixels_and_channels
 from ..runtime import checks, variants
+from ..runtime.parameters import filled, takes
 from ..runtime.progress import ProgressBar, deferred_stop
 from ..scenes.loading import require_sensor
 from .losses import OF_TWO_RENDERS, WITH_FREQUENCIES, loss_of, require_same_shape
@@ -66,27 +67,32 @@ class Fit:
         return f"Fit({self.steps} step{plural}, {change}, {values}; {self.why})"
 
 
-def fit(
-    scene: mi.Scene,
-    params: Mapping[str, Any],
-    target: Annotated[Any, TRANSIENT],
-    *,
-    apply: Callable[[mi.SceneParameters, dict[str, Any]], Any] | None = None,
-    integrator: mi.Integrator | None = None,
-    sensor: int = 0,
-    loss: str | Callable[[Any, Any], Any] = "l2",
-    frequency_hz: float | Sequence[float] | None = None,
-    optimizer: str | mi.ad.Optimizer = "adam",
-    learning_rate: float | Mapping[str, float] = 0.01,
-    bounds: Mapping[str, tuple[float | None, float | None]] | None = None,
-    steps: int = 200,
-    spp: int | None = None,
-    seed: int = 0,
-    tolerance: float = 0.05,
-    patience: int = 10,
-    callback: Callable[[int, float, dict[str, Any]], Any] | None = None,
-    progress: bool = True,
-) -> Fit:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FitArguments:
+    """All parameters of `fit`: the light, the variables, and the descent."""
+
+    scene: mi.Scene = field(kw_only=False)
+    params: Mapping[str, Any] = field(kw_only=False)
+    target: Annotated[Any, TRANSIENT] = field(kw_only=False)
+    apply: Callable[[mi.SceneParameters, dict[str, Any]], Any] | None = None
+    integrator: mi.Integrator | None = None
+    sensor: int = 0
+    loss: str | Callable[[Any, Any], Any] = "l2"
+    frequency_hz: float | Sequence[float] | None = None
+    optimizer: str | mi.ad.Optimizer = "adam"
+    learning_rate: float | Mapping[str, float] = 0.01
+    bounds: Mapping[str, tuple[float | None, float | None]] | None = None
+    steps: int = 200
+    spp: int | None = None
+    seed: int = 0
+    tolerance: float = 0.05
+    patience: int = 10
+    callback: Callable[[int, float, dict[str, Any]], Any] | None = None
+    progress: bool = True
+
+
+@takes(FitArguments)
+def fit(*args: Any, **options: Any) -> Fit:  # noqa: D417, the record has them
     """Fit parameters of a scene to measured light, by gradient descent.
 
     Each step renders with `mi.render` and new random numbers, compares the light with the target,
@@ -170,31 +176,37 @@ def fit(
     """
     # Check the arguments
     variants.require_vectorized()
+    given = filled(FitArguments, fit, args, options)
+    scene = given.scene
+    integrator = given.integrator
+    loss = given.loss
+    frequency_hz = given.frequency_hz
+    callback = given.callback
     checks.instance("scene", scene, mi.Scene, "a loaded scene, as mi.load_dict and load_scene give")
-    film = require_sensor(scene, sensor).film()
+    film = require_sensor(scene, given.sensor).film()
     if integrator is not None:
         checks.instance("integrator", integrator, mi.Integrator, "an integrator or None")
-    for name, value in (("apply", apply), ("callback", callback)):
+    for name, value in (("apply", given.apply), ("callback", callback)):
         if value is not None:
             checks.function(name, value)
-    count = checks.integer("steps", steps, 1, MAX_STEPS)
-    samples = 0 if spp is None else checks.integer("spp", spp, 1, checks.MAX_SPP)
-    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
-    tolerance = checks.number("tolerance", tolerance, low=0, high=1)
-    patience = checks.integer("patience", patience, 1, MAX_STEPS)
-    checks.boolean("progress", progress)
+    count = checks.integer("steps", given.steps, 1, MAX_STEPS)
+    samples = 0 if given.spp is None else checks.integer("spp", given.spp, 1, checks.MAX_SPP)
+    seed = checks.integer("seed", given.seed, 0, checks.MAX_SEED)
+    tolerance = checks.number("tolerance", given.tolerance, low=0, high=1)
+    patience = checks.integer("patience", given.patience, 1, MAX_STEPS)
+    checks.boolean("progress", given.progress)
 
     # Prepare loss, variables and target. Integrators of Mitsuba do not have camera_unwarp
     measure = loss_of(loss, frequency_hz, film)
-    variables = Variables(scene, params, apply, bounds)
-    rates = variables.rates(learning_rate)
-    engine = _make_optimizer(optimizer)
+    variables = Variables(scene, given.params, given.apply, given.bounds)
+    rates = variables.rates(given.learning_rate)
+    engine = _make_optimizer(given.optimizer)
     is_phase = isinstance(loss, str) and loss in WITH_FREQUENCIES
-    measured = _phasor_target(target, film, loss, frequency_hz) if is_phase else None
+    measured = _phasor_target(given.target, film, loss, frequency_hz) if is_phase else None
     if measured is None:
         tracer = scene.integrator() if integrator is None else integrator
         camera_unwarp = bool(getattr(tracer, "camera_unwarp", False))
-        measured = _target_tensor(target, film, camera_unwarp)
+        measured = _target_tensor(given.target, film, camera_unwarp)
     of_two = isinstance(loss, str) and loss in OF_TWO_RENDERS
 
     # Prepare the loop
@@ -212,7 +224,7 @@ def fit(
             rendered = mi.render(
                 scene,
                 params=variables.params,
-                sensor=sensor,
+                sensor=given.sensor,
                 integrator=integrator,
                 seed=random_numbers,
                 spp=samples,
@@ -229,7 +241,7 @@ def fit(
         raise reason
 
     with (
-        ProgressBar("Fitting", count, unit="step", enabled=progress) as bar,
+        ProgressBar("Fitting", count, unit="step", enabled=given.progress) as bar,
         deferred_stop() as stop,
         warnings.catch_warnings(),
         variables.write_at_exit(lambda: history[_best(losses, patience)[0]] if history else None),

@@ -115,6 +115,9 @@ lengths |
     # Whether derivatives are supported
     has_derivatives = True
 
+    # Whether the method `gate` makes time gates
+    has_gates = False
+
     # Whether a vertex may connect to several points on emitters
     takes_light_samples = False
 

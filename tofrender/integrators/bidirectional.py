@@ -283,6 +283,7 @@ class BothEnds(TransientPath):
 
     starts_at_lights = True
     has_derivatives = False
+    has_gates = True
     takes_light_samples = False
 
     # Whether camera paths are traced

@@ -119,6 +119,7 @@ class TimeGatedTransientPath(TransientIntegrator):
         GaussianPulse(width_opl=0.03)
     """
 
+    has_gates = True
     default_depth = 8
     shown = (*TransientIntegrator.shown, "target_time", "pulse")
 

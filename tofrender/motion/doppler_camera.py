@@ -98,7 +98,7 @@ def doppler(
 
     # Open the scene; time bins are set in case that its film is steady
     one_bin = {"bins": 1, "start_opl": 0.0, "bin_width": 1.0}
-    render_settings, checkpoint, progress = split_settings(scene, settings, **one_bin)
+    render_settings, checkpoint, progress = split_settings("doppler", scene, settings, **one_bin)
     loaded, camera, tracer, spp = open_moving(render_settings)
 
     # Render the phasors of each pose

@@ -21,6 +21,7 @@ from ..rendering.renderer import make_job
 from ..rendering.settings import RenderSettings, is_auto
 from ..rendering.work_items import render_item
 from ..runtime import checks, memory
+from ..runtime.parameters import require_names
 from ..runtime.progress import ProgressBar, deferred_stop
 from ..scenes.motion import posed
 
@@ -142,9 +143,7 @@ def render_frames(
     """
     shutter = Shutter(exposure_s, poses, row_time_s)
     known = [each.name for each in fields(RenderSettings) if each.name not in NOT_OF_FRAMES]
-    for name in settings:
-        if name not in known:
-            raise TypeError(f"{name}: is no argument; must be one of {checks.join_names(known)}")
+    require_names("render_frames", settings, known)
     job, shutter = open_frames(RenderSettings(scene, **settings), times_s, shutter)
     times = np.asarray(times_s, dtype=float)
     copies = 2.0 * len(times) + 1

@@ -14,6 +14,7 @@ from ..rendering.renderer import open_scene
 from ..rendering.settings import RenderSettings
 from ..runtime import checks, variants
 from ..runtime.checkpoints import Checkpoint
+from ..runtime.parameters import require_names
 
 SUPPORTED = ("TransientPath", "TransientVolpath", "TransientLightTracer", "TransientBDPT")
 """Classes of integrators that compute rates of change of path lengths."""
@@ -61,11 +62,15 @@ def open_moving(settings: RenderSettings) -> tuple[mi.Scene, mi.Sensor, Transien
 
 
 def split_settings(
-    scene: object, settings: Mapping[str, Any], **time_axis: Any
+    function: str,
+    scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
+    settings: Mapping[str, Any],
+    **time_axis: Any,
 ) -> tuple[RenderSettings, Checkpoint | None, bool]:
     """Check the settings of a user, and split them.
 
     Args:
+        function: Name of the function that the user called.
         scene: The scene.
         settings: Settings of `MovingSettings`.
         **time_axis: Settings of `RenderSettings` for the time axis.
@@ -73,9 +78,7 @@ def split_settings(
     Returns:
         The settings of the render, the checkpoint, and whether a progress bar is shown.
     """
-    unknown = [name for name in settings if name not in NAMES]
-    if unknown:
-        raise TypeError(f"{unknown[0]} is not an argument. Use one of {checks.join_names(NAMES)}")
+    require_names(function, settings, NAMES)
     remaining = dict(settings)
     checkpoint = Checkpoint.of(remaining.pop("checkpoint", None))
     progress = checks.boolean("progress", remaining.pop("progress", True))

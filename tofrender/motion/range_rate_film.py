@@ -67,7 +67,7 @@ def range_rate(
     """
     # Check the arguments
     render_settings, checkpoint, progress = split_settings(
-        scene, settings, bins=bins, window=window
+        "range_rate", scene, settings, bins=bins, window=window
     )
     checks.require("window", window, window != "auto", "(start, stop) in meters")
     count = checks.integer("rate_bins", rate_bins, 1, checks.MAX_BINS)

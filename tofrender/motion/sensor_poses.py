@@ -21,6 +21,7 @@ from ..rendering.settings import RenderSettings, is_auto
 from ..rendering.work_items import render_item
 from ..runtime import checks, memory
 from ..runtime.interface import pose
+from ..runtime.parameters import require_names
 from ..runtime.progress import ProgressBar
 from ..scenes.motion import motions_of, movable_parts, placed, require_movable
 
@@ -75,11 +76,7 @@ def render_poses(
         (('pose', 'y', 'x', 'opl', 'channel'), (2, 4, 4))
     """
     known = [each.name for each in fields(RenderSettings) if each.name not in NOT_OF_POSES]
-    for name in settings:
-        if name not in known:
-            raise TypeError(
-                f"{name} is not an argument of render_poses; use one of {checks.join_names(known)}"
-            )
+    require_names("render_poses", settings, known)
     matrices = require_poses("poses", poses)
     checks.boolean("progress", progress)
     if is_auto(settings.get("window")):

@@ -7,17 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import fields, replace
-from os import PathLike
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 
 from ..integrators.user_defined import follows_beams
-from ..labels import FILM
 from ..runtime import checks, variants
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.editions import LeftOut
+from ..runtime.parameters import filled, takes
 from ..runtime.progress import status, without_bars
 from ..runtime.settings import INTEGRATORS
 from ..scenes.checking import check_scene
@@ -27,7 +26,7 @@ from ..signals.pulses import GaussianPulse
 from .arrivals import Look, looking_once
 from .collecting import collect
 from .job import Job, dataset_of, decide, remaining
-from .settings import RenderSettings, is_auto
+from .settings import RenderArguments, RenderSettings, is_auto
 from .store import check_film
 from .streaming import stream
 from .window import BINS, pulse_width_for, windowed_film
@@ -36,50 +35,21 @@ from .workers import check_workers, workers_for
 
 if TYPE_CHECKING:
     import xarray as xr
-    from distributed import Client
 
     from ..integrators.base import TransientIntegrator
 
 # Changes of a scene, in the argument `settings`, that set time bins
 WINDOW_CHANGES = {"temporal_bins", "start_opl", "bin_width_opl"}
 
-# Argument `integrator` of `render`
-Integrator = str | Mapping[str, object] | mi.Integrator | None
 
-
-def render(
-    scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
-    *,
-    spp: int | None = None,
-    seed: int = 0,
-    size: tuple[int, int] | None = None,
-    bins: int | None = None,
-    start_opl: float | None = None,
-    bin_width: float | None = None,
-    window: str | tuple[float, float] | None = None,
-    pulse_width: float | str | None = None,
-    max_depth: int | None = None,
-    integrator: Integrator = None,
-    sampler: str | mi.Sampler | None = None,
-    sensor: int = 0,
-    define: Mapping[str, object] | None = None,
-    settings: Mapping[str, object] | None = None,
-    errors: bool = False,
-    denoise: bool = False,
-    resume: Annotated[xr.Dataset, FILM] | None = None,
-    checkpoint: Checkpoint | str | PathLike[str] | None = None,
-    out: str | PathLike[str] | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    client: Client | None = None,
-    progress: bool = True,
-) -> xr.Dataset:
+@takes(RenderArguments)
+def render(*args: Any, **options: Any) -> xr.Dataset:  # noqa: D417, the record has them
     """Render a scene in time.
 
     The arguments have the names of the options of the command `tofrender render`. Arguments up to
-    `denoise` define the picture. Arguments from `resume` on define how the work is done: the
-    earlier result, the place of the film, and the processes. The result does not support
-    derivatives. Call `mi.render(scene, params)` for derivatives.
+    `denoise` define the picture. Arguments from `resume` on are the execution: they define how the
+    work is done, with the earlier result, the place of the film, and the processes. The result does
+    not support derivatives. Call `mi.render(scene, params)` for derivatives.
     See also `load_scene`, `merge`, `explore`, `report`.
 
     Args:
@@ -157,14 +127,16 @@ def render(
         >>> dataset["transient"].sel(time=20.0, method="nearest").dims
         ('y', 'x', 'channel')
     """
-    # All arguments by name; this line must be the first
-    arguments = locals().copy()
-
     # Check the settings, and which arguments may occur together
     variants.require_vectorized()
-    checks.boolean("progress", progress)
-    wanted = RenderSettings(**{each.name: arguments[each.name] for each in fields(RenderSettings)})
-    by_workers = check_workers(workers=workers, scheduler=scheduler, client=client)
+    given = filled(RenderArguments, render, args, options)
+    checks.boolean("progress", given.progress)
+    wanted = RenderSettings(**given.values)
+    out = given.out
+    checkpoint = given.checkpoint
+    resume = given.resume
+    client = given.client
+    by_workers = check_workers(workers=given.workers, scheduler=given.scheduler, client=client)
     if out is not None:
         check_film(out)
     if out is not None and checkpoint is not None:
@@ -176,12 +148,15 @@ def render(
 
     # Can the scene be sent to workers?
     if by_workers:
-        packed("scene", scene)
+        packed("scene", wanted.scene)
 
-    with without_bars(not progress), status("Rendering"):
+    with without_bars(not given.progress), status("Rendering"):
         job = make_job(wanted)
-        given = nullcontext(client) if client is not None else workers_for(workers, scheduler)
-        with given as client:
+        if client is None:
+            processes = workers_for(given.workers, given.scheduler)
+        else:
+            processes = nullcontext(client)
+        with processes as client:
             # Render to disk, by workers or in this process
             if out is not None:
                 return stream(job, out, client=client)

@@ -1,13 +1,16 @@
-"""Settings of a render: one table that defines checks, command-line options and tests.
+"""Settings of a render: one record that defines signature, checks, command-line options and tests.
 
 The module does not import NumPy or Mitsuba before a render begins, so `tofrender --help` is fast.
 """
 
+from __future__ import annotations
+
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any
+from dataclasses import dataclass, field, fields, replace
+from os import PathLike
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..runtime import checks
 from ..runtime.settings import (
@@ -16,9 +19,21 @@ from ..runtime.settings import (
     Setting,
     check_settings,
     integer,
-    settings_of,
     unchecked,
 )
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+    import xarray as xr
+    from distributed import Client
+
+    from ..labels import FILM
+    from ..runtime.checkpoints import Checkpoint
+
+    Integrator = str | Mapping[str, object] | mi.Integrator | None
+
+# Key of the description in the metadata of a field
+ABOUT = "setting"
 
 # Largest index of a sensor
 MAX_SENSOR = 1 << 16
@@ -74,54 +89,80 @@ def _check_size(name: str, value: object) -> None:
         checks.integer(name, side, 1, checks.MAX_SIZE)
 
 
-@dataclass(frozen=True, eq=False)
+def described(setting: Setting, **changes: Any) -> dict[str, Setting]:
+    """Return the metadata of a field that a setting describes, with changes of the setting."""
+    return {ABOUT: replace(setting, **changes)}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class RenderSettings:
     """Checked settings of a render.
 
-    The table `SETTINGS` describes each setting. For a setting that is None, the value of the scene
-    is used. `settings` contains further arguments of `load_scene`.
+    A `Setting` in the metadata of each field describes it. For a setting that is None, the value of
+    the scene is used. `settings` contains further arguments of `load_scene`.
 
     Example:
         >>> RenderSettings("cornell_box", size=(64, 48), bins=100).scene_changes
         {'width': 64, 'height': 48, 'temporal_bins': 100}
     """
 
-    scene: Annotated[Any, Setting("Built-in name or path of a Mitsuba XML file")]
-    spp: Annotated[int | None, SCENE_SETTINGS["spp"]] = None
-    seed: Annotated[int, integer("Seed of all random numbers", 0, checks.MAX_SEED)] = 0
-    size: Annotated[
-        tuple[int, int] | None,
-        Setting("Width and height of the picture [pixels]", _check_size, 1, checks.MAX_SIZE),
-    ] = None
-    bins: Annotated[int | None, SCENE_SETTINGS["temporal_bins"]] = None
-    start_opl: Annotated[float | None, SCENE_SETTINGS["start_opl"]] = None
-    bin_width: Annotated[float | None, SCENE_SETTINGS["bin_width_opl"]] = None
-    window: Annotated[
-        tuple[float, float] | str | None,
-        Setting("Start of the first and stop of the last time bin [m]", _check_window),
-    ] = None
-    pulse_width: Annotated[
-        float | str | None, replace(SCENE_SETTINGS["pulse_width_opl"], check=_check_pulse_width)
-    ] = None
-    max_depth: Annotated[int | None, SCENE_SETTINGS["max_depth"]] = None
-    integrator: Annotated[Any, replace(SCENE_SETTINGS["integrator"], check=unchecked)] = None
-    sampler: Annotated[Any, replace(SCENE_SETTINGS["sampler"], check=unchecked)] = None
-    sensor: Annotated[int, integer("Index of the sensor", 0, MAX_SENSOR)] = 0
-    define: Annotated[
-        Mapping[str, Any] | None, Setting("Values of an XML file's parameters", checks.mapping)
-    ] = None
-    settings: Annotated[
-        Mapping[str, Any] | None,
-        Setting("More changes of the scene while it is loaded", checks.mapping),
-    ] = None
-    errors: Annotated[bool, Setting("Estimate the standard error of each bin", checks.boolean)] = (
-        False
+    scene: mi.Scene | Mapping[str, object] | str | PathLike[str] = field(
+        kw_only=False, metadata=described(Setting("Built-in name or path of a Mitsuba XML file"))
     )
-    denoise: Annotated[bool, Setting("Remove noise from the film", checks.boolean)] = False
+    spp: int | None = field(default=None, metadata=described(SCENE_SETTINGS["spp"]))
+    seed: int = field(
+        default=0, metadata=described(integer("Seed of all random numbers", 0, checks.MAX_SEED))
+    )
+    size: tuple[int, int] | None = field(
+        default=None,
+        metadata=described(
+            Setting("Width and height of the picture [pixels]", _check_size, 1, checks.MAX_SIZE)
+        ),
+    )
+    bins: int | None = field(default=None, metadata=described(SCENE_SETTINGS["temporal_bins"]))
+    start_opl: float | None = field(default=None, metadata=described(SCENE_SETTINGS["start_opl"]))
+    bin_width: float | None = field(
+        default=None, metadata=described(SCENE_SETTINGS["bin_width_opl"])
+    )
+    window: str | tuple[float, float] | None = field(
+        default=None,
+        metadata=described(
+            Setting("Start of the first and stop of the last time bin [m]", _check_window)
+        ),
+    )
+    pulse_width: float | str | None = field(
+        default=None,
+        metadata=described(SCENE_SETTINGS["pulse_width_opl"], check=_check_pulse_width),
+    )
+    max_depth: int | None = field(default=None, metadata=described(SCENE_SETTINGS["max_depth"]))
+    integrator: Integrator = field(
+        default=None, metadata=described(SCENE_SETTINGS["integrator"], check=unchecked)
+    )
+    sampler: str | mi.Sampler | None = field(
+        default=None, metadata=described(SCENE_SETTINGS["sampler"], check=unchecked)
+    )
+    sensor: int = field(
+        default=0, metadata=described(integer("Index of the sensor", 0, MAX_SENSOR))
+    )
+    define: Mapping[str, object] | None = field(
+        default=None,
+        metadata=described(Setting("Values of an XML file's parameters", checks.mapping)),
+    )
+    settings: Mapping[str, object] | None = field(
+        default=None,
+        metadata=described(Setting("More changes of the scene while it is loaded", checks.mapping)),
+    )
+    errors: bool = field(
+        default=False,
+        metadata=described(Setting("Estimate the standard error of each bin", checks.boolean)),
+    )
+    denoise: bool = field(
+        default=False, metadata=described(Setting("Remove noise from the film", checks.boolean))
+    )
 
     def __post_init__(self) -> None:
         # Check each value. None is valid if it is the default
-        for each in fields(self):
+        for each in fields(RenderSettings):
             value = getattr(self, each.name)
             if value is not None or each.default is not None:
                 SETTINGS[each.name].check(each.name, value)
@@ -195,13 +236,12 @@ class RenderSettings:
     @property
     def values(self) -> dict[str, Any]:
         """All settings by name, without copies of the values."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
+        return {each.name: getattr(self, each.name) for each in fields(RenderSettings)}
 
     @property
     def scene_label(self) -> str:
         """Name or path of the scene; "scene" for other scenes."""
-        is_name = isinstance(self.scene, str | os.PathLike)
-        return os.fspath(self.scene) if is_name else "scene"
+        return os.fspath(self.scene) if isinstance(self.scene, str | os.PathLike) else "scene"
 
     @property
     def time_axis(self) -> tuple[Any, int | None, float | None, float | None]:
@@ -235,9 +275,43 @@ class RenderSettings:
         return given
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Execution:
+    """How a render is executed: earlier results, files, processes and progress bars.
+
+    These arguments do not change the picture. They are not settings, because workers and
+    checkpoints must not depend on them.
+    """
+
+    resume: Annotated[xr.Dataset, FILM] | None = None
+    checkpoint: Checkpoint | str | PathLike[str] | None = None
+    out: str | PathLike[str] | None = None
+    workers: int | None = field(
+        default=None,
+        metadata=described(integer("Number of local worker processes", 1, MAX_WORKERS)),
+    )
+    scheduler: str | None = field(
+        default=None,
+        metadata=described(
+            Setting("Address of a Dask scheduler. Its workers render", checks.address)
+        ),
+    )
+    client: Client | None = None
+    progress: bool = field(
+        default=True,
+        metadata=described(Setting("Show progress bars of long work", checks.boolean)),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RenderArguments(Execution, RenderSettings):
+    """All parameters of `render`: the settings, and how the render is executed."""
+
+
+def described_fields(record: type) -> dict[str, Setting]:
+    """Return the settings that describe the fields of a dataclass. Other fields are omitted."""
+    return {each.name: each.metadata[ABOUT] for each in fields(record) if ABOUT in each.metadata}
+
+
 # All settings: fields of `RenderSettings`, and settings of how the work is done
-SETTINGS = settings_of(RenderSettings) | {
-    "workers": integer("Number of local worker processes", 1, MAX_WORKERS),
-    "scheduler": Setting("Address of a Dask scheduler. Its workers render", checks.address),
-    "progress": Setting("Show progress bars of long work", checks.boolean),
-}
+SETTINGS = described_fields(RenderArguments)

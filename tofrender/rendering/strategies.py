@@ -121,7 +121,8 @@ def strategy_pyramid(
     # Load the scene, and complete the parameters with the scene's values
     scene, _ = open_scene(settings)
     own = scene.integrator()
-    shared = {name: getattr(own, name) for name in OWN if hasattr(own, name)} | shared
+    values = {name: getattr(own, name, None) for name in OWN}
+    shared = {name: value for name, value in values.items() if value is not None} | shared
     tracer = load_plugin("integrator", shared | {"mis": mis})
 
     # Find the window, the sampler and the strategies

@@ -200,6 +200,34 @@ FINISHING = b"\nfinishing this step; press Ctrl-C again to stop now\n"
 """Answer to the first Ctrl-C in a terminal."""
 
 
+class _Deferring:
+    """Signal handler that requests a stop, and then restores the handlers before it.
+
+    Inner blocks recognize the handler by its class and call it.
+    """
+
+    def __init__(self, stop: Stop, before: dict[int, Any]) -> None:
+        self.stop = stop
+        self.before = before
+
+    def restore(self) -> None:
+        """Restore the handlers of all signals."""
+        for number, handler in self.before.items():
+            signal.signal(number, handler)
+
+    def __call__(self, number: int, frame: Any) -> None:
+        """Handle a signal."""
+        self.stop.by = number
+        self.restore()
+        outer = self.before[number]
+        if isinstance(outer, _Deferring):
+            self.stop.passed_on = True
+            outer(number, frame)
+        elif number == signal.SIGINT and sys.stderr.isatty():
+            # A handler may interrupt a print, which `os.write` does not disturb
+            os.write(sys.stderr.fileno(), FINISHING)
+
+
 @contextmanager
 def deferred_stop() -> Iterator[Stop]:
     """Turn the first Ctrl-C, SIGTERM or SIGHUP into a request to stop after the current step.
@@ -215,30 +243,14 @@ def deferred_stop() -> Iterator[Stop]:
         return
     before = {number: signal.getsignal(number) for number in SIGNALS}
     handled = {n: handler for n, handler in before.items() if handler not in (signal.SIG_IGN, None)}
-
-    def restore():
-        for number, handler in handled.items():
-            signal.signal(number, handler)
-
-    def request(number, frame):
-        stop.by = number
-        restore()
-        outer: Any = handled[number]
-        if hasattr(outer, "defers"):
-            stop.passed_on = True
-            outer(number, frame)
-        elif number == signal.SIGINT and sys.stderr.isatty():
-            # A handler may interrupt a print, which `os.write` does not disturb
-            os.write(sys.stderr.fileno(), FINISHING)
-
-    vars(request)["defers"] = True  # Inner blocks recognize this handler and call it
+    request = _Deferring(stop, handled)
     for number in handled:
         signal.signal(number, request)
     try:
         yield stop
     finally:
         if not stop.requested:
-            restore()
+            request.restore()
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from os import PathLike
 from typing import Annotated, Any
 
@@ -20,6 +21,7 @@ from ..paths.surfaces import first_surface
 from ..rendering.window import warn_of_losses
 from ..runtime import backend, checks, variants
 from ..runtime.interface import pose
+from ..runtime.parameters import filled, takes
 from ..scenes.checking import check_scene
 from ..scenes.loading import load_plugin, load_scene, require_sensor
 from ..scenes.motion import motions_of, posed
@@ -32,24 +34,31 @@ from .scanner import Scanner
 COLUMNS = 4096
 
 
-def lidar(
-    scene: mi.Scene | Mapping[str, object] | str | PathLike[str],
-    pattern: Annotated[xr.Dataset | str | PathLike[str], PATTERN] = "raster",
-    *,
-    sensor: int = 0,
-    divergence_rad: float = 1e-3,
-    max_range: float | None = None,
-    pulse_width_opl: float = 0.06,
-    bin_width_opl: float = 0.03,
-    photons: float = 5e8,
-    aperture_m: float = 0.025,
-    background_hz: float = 0.0,
-    max_depth: int = 6,
-    pose_time_s: float = 1e-3,
-    spp: int = 64,
-    seed: int = 0,
-    progress: bool = True,
-) -> xr.Dataset:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LidarArguments:
+    """All parameters of `lidar`: the scene, the pattern, the device and the render."""
+
+    scene: mi.Scene | Mapping[str, object] | str | PathLike[str] = field(kw_only=False)
+    pattern: Annotated[xr.Dataset | str | PathLike[str], PATTERN] = field(
+        default="raster", kw_only=False
+    )
+    sensor: int = 0
+    divergence_rad: float = 1e-3
+    max_range: float | None = None
+    pulse_width_opl: float = 0.06
+    bin_width_opl: float = 0.03
+    photons: float = 5e8
+    aperture_m: float = 0.025
+    background_hz: float = 0.0
+    max_depth: int = 6
+    pose_time_s: float = 1e-3
+    spp: int = 64
+    seed: int = 0
+    progress: bool = True
+
+
+@takes(LidarArguments)
+def lidar(*args: Any, **options: Any) -> xr.Dataset:  # noqa: D417, the record has them
     """Render the waveform that a scanning lidar receives from each shot.
 
     Laser and receiver are at the same point and share a cone. Lights of the scene are off. A
@@ -101,30 +110,35 @@ def lidar(
     # Check the arguments
     variants.require_vectorized()
     variants.require_unpolarized()
-    photons = checks.number("photons", photons, positive=True)
-    area = math.pi / 4 * checks.number("aperture_m", aperture_m, positive=True) ** 2
-    half_angle = checks.number("divergence_rad", divergence_rad, low=0, high=0.5)
-    width = checks.width("bin_width_opl", bin_width_opl)
-    background = checks.number("background_hz", background_hz, low=0) * width / SPEED_OF_LIGHT
-    pulse = checks.width("pulse_width_opl", pulse_width_opl)
-    max_depth = checks.depth("max_depth", max_depth)
+    given = filled(LidarArguments, lidar, args, options)
+    photons = checks.number("photons", given.photons, positive=True)
+    area = math.pi / 4 * checks.number("aperture_m", given.aperture_m, positive=True) ** 2
+    half_angle = checks.number("divergence_rad", given.divergence_rad, low=0, high=0.5)
+    width = checks.width("bin_width_opl", given.bin_width_opl)
+    background_hz = checks.number("background_hz", given.background_hz, low=0)
+    background = background_hz * width / SPEED_OF_LIGHT
+    pulse = checks.width("pulse_width_opl", given.pulse_width_opl)
+    max_depth = checks.depth("max_depth", given.max_depth)
     kind = {"type": "transient_path", "max_depth": max_depth, "pulse_width_opl": pulse}
     integrator = load_plugin("integrator", kind)
+    spp = given.spp
     sampler = best_sampler(spp)
-    seed = checks.integer("seed", seed, 0, checks.MAX_SEED)
-    progress = checks.boolean("progress", progress)
-    given = pattern if isinstance(pattern, xr.Dataset) else scan_pattern(pattern)
-    shots = read_pattern(given)
-    pose_time_s = checks.number("pose_time_s", pose_time_s, positive=True, unit="seconds")
+    seed = checks.integer("seed", given.seed, 0, checks.MAX_SEED)
+    progress = checks.boolean("progress", given.progress)
+    pattern = given.pattern
+    shots = read_pattern(pattern if isinstance(pattern, xr.Dataset) else scan_pattern(pattern))
+    pose_time_s = checks.number("pose_time_s", given.pose_time_s, positive=True, unit="seconds")
     local = directions(shots)
+    scene = given.scene
     attrs = {"scene": scene if isinstance(scene, str) else "scene"}
 
     # Place the lidar, and find its range
     scene = scene if isinstance(scene, mi.Scene) else load_scene(scene)
-    camera = require_sensor(scene, sensor)
+    camera = require_sensor(scene, given.sensor)
     check_scene(scene, camera, media=True)
     require_followed(scene, integrator.space(scene, camera))
     groups = _poses(shots, pose_time_s if motions_of(scene) else math.inf)
+    max_range = given.max_range
     if max_range is None:
         max_range = 0.0
         for time in {min(groups), max(groups)}:
@@ -201,7 +215,7 @@ def lidar(
         "units": "1",
         "divergence_rad": half_angle,
         "photons": photons,
-        "aperture_m": aperture_m,
+        "aperture_m": given.aperture_m,
         "start_opl": 0.0,
         "bin_width_opl": width,
         "spp": spp,

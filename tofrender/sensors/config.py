@@ -5,6 +5,7 @@ import json
 import os
 import warnings
 from collections.abc import Mapping
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,7 +20,7 @@ from ..runtime.tables import checked, known_keys, read_toml, table
 from .cameras import GatedCamera, StreakCamera
 from .itof import Itof
 from .presets import PRESETS
-from .radiometry import expected_photons
+from .radiometry import Optics, expected_photons
 from .response import Response
 from .spad import Spad
 
@@ -140,7 +141,7 @@ def _pixels(name: str, value: Any) -> list[int]:
 
 def _photons(name: str, value: Any) -> dict[str, Any]:
     """Check a table with arguments of `expected_photons`."""
-    known_keys(name, table(name, value), inspect.getfullargspec(expected_photons).kwonlyargs)
+    known_keys(name, table(name, value), [each.name for each in fields(Optics)])
     return value
 
 

@@ -1,6 +1,6 @@
 """Conversion of rendered radiance to the expected photons of a sensor's pixels."""
 
-from types import SimpleNamespace
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any
 
 import numpy as np
@@ -8,6 +8,7 @@ import xarray as xr
 
 from ..labels import TRANSIENT, Bins, bins_of, intensity, read
 from ..runtime import checks
+from ..runtime.parameters import filled, takes
 from ..signals.units import SPEED_OF_LIGHT
 
 # Planck constant [J s]
@@ -22,25 +23,66 @@ LONG_NAMES = {
 FRACTIONS = {"fill_factor", "transmission", "detection_efficiency"}
 
 
-def expected_photons(
-    dataset: Annotated[xr.Dataset, TRANSIENT],
-    *,
-    photons_per_cycle: float | None = None,
-    background_per_cycle: float = 0.0,
-    lamp_power_w: float | None = None,
-    mean_power_w: float | None = None,
-    repetition_rate_hz: float | None = None,
-    pulse_energy_j: float | None = None,
-    wavelength_m: float | None = None,
-    f_number: float | None = None,
-    focal_length_m: float | None = None,
-    pixel_pitch_m: float | None = None,
-    fill_factor: float = 1.0,
-    transmission: float = 1.0,
-    detection_efficiency: float = 1.0,
-    ambient_radiance: float = 0.0,
-    dark_count_hz: float = 0.0,
-) -> xr.Dataset:
+@dataclass(frozen=True, kw_only=True)
+class Optics:
+    """Conversion of radiance to photons: by laser, lens and pixels, or by the mean signal.
+
+    The fields are the parameters of `expected_photons`.
+    """
+
+    photons_per_cycle: float | None = None
+    background_per_cycle: float = 0.0
+    lamp_power_w: float | None = None
+    mean_power_w: float | None = None
+    repetition_rate_hz: float | None = None
+    pulse_energy_j: float | None = None
+    wavelength_m: float | None = None
+    f_number: float | None = None
+    focal_length_m: float | None = None
+    pixel_pitch_m: float | None = None
+    fill_factor: float = 1.0
+    transmission: float = 1.0
+    detection_efficiency: float = 1.0
+    ambient_radiance: float = 0.0
+    dark_count_hz: float = 0.0
+
+    def __post_init__(self) -> None:
+        of_optics = self.photons_per_cycle is None
+        for each in fields(Optics):
+            name = each.name
+            value = getattr(self, name)
+
+            # Is the value in its range?
+            if value is not None or each.default is not None:
+                above = each.default is None
+                high = 1 if name in FRACTIONS else None
+                checks.number(name, value, positive=above, low=None if above else 0, high=high)
+
+            # Is it allowed?
+            is_optics = name not in ("photons_per_cycle", "background_per_cycle")
+            allowed = f"left out {'without' if of_optics else 'with'} photons_per_cycle"
+            checks.require(name, value, is_optics == of_optics or value == each.default, allowed)
+
+            # Is it required?
+            valid = value is not None
+            allowed = "given, or photons_per_cycle instead of optics"
+            if name == "pulse_energy_j":
+                pair = [self.mean_power_w, self.repetition_rate_hz]
+                valid = pair == [None, None] if valid else None not in pair
+                allowed = "given, or mean_power_w and repetition_rate_hz, and not both"
+            is_needed = of_optics and name in NEEDED
+            checks.require(name, value, valid or not is_needed, allowed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhotonArguments(Optics):
+    """All parameters of `expected_photons`: a render and the conversion."""
+
+    dataset: Annotated[xr.Dataset, TRANSIENT] = field(kw_only=False)
+
+
+@takes(PhotonArguments)
+def expected_photons(*args: Any, **options: Any) -> xr.Dataset:  # noqa: D417, the record has them
     """Convert radiance per bin to expected detections per pixel, bin and laser cycle.
 
     In the render, lamps of the constant power P cause the radiance H_k in bin k. A laser pulse of
@@ -95,10 +137,9 @@ def expected_photons(
         (('y', 'x', 'bin'), 0.6)
     """
     # Check the arguments
-    given = {name: value for name, value in locals().items() if name != "dataset"}
-    o: Any = SimpleNamespace(**given)
-    dataset = read(dataset, TRANSIENT, "dataset")
-    window = _check(dataset, given)
+    o: Any = filled(PhotonArguments, expected_photons, args, options)
+    dataset = read(o.dataset, TRANSIENT, "dataset")
+    window = _check(dataset)
 
     # Average the channels. Reconstruction filters may have negative lobes
     transient = intensity(dataset["transient"], "dataset")
@@ -108,48 +149,50 @@ def expected_photons(
     bin_s = window.bin_width_opl / SPEED_OF_LIGHT
 
     # Scale the mean signal
-    if photons_per_cycle is not None:
+    if o.photons_per_cycle is not None:
         mean = signal.sum("opl").mean()
         if not hasattr(mean.data, "dask"):
             lit = float(mean) > 0
             checks.require(
-                "photons_per_cycle", photons_per_cycle, lit, "left out: no bin has light"
+                "photons_per_cycle", o.photons_per_cycle, lit, "left out: no bin has light"
             )
-        signal = signal * (photons_per_cycle / mean)
-        background: Any = background_per_cycle / bins
+        signal = signal * (o.photons_per_cycle / mean)
+        background: Any = o.background_per_cycle / bins
 
     # Or convert radiance by the camera equation
     else:
+        pulse_energy_j = o.pulse_energy_j
         if pulse_energy_j is None:
             fits = o.repetition_rate_hz * bins * bin_s <= 1 + 1e-9
             allowed = f"at most {1 / (bins * bin_s):g}, one over the window of the film"
-            checks.require("repetition_rate_hz", repetition_rate_hz, fits, allowed)
-            o.pulse_energy_j = o.mean_power_w / o.repetition_rate_hz
+            checks.require("repetition_rate_hz", o.repetition_rate_hz, fits, allowed)
+            pulse_energy_j = o.mean_power_w / o.repetition_rate_hz
 
         # Counts per radiance and second
-        area = o.pixel_pitch_m**2 * fill_factor * np.pi / (4 * o.f_number**2)
+        area = o.pixel_pitch_m**2 * o.fill_factor * np.pi / (4 * o.f_number**2)
         photons = area * o.wavelength_m / (PLANCK * SPEED_OF_LIGHT)
-        counts = photons * transmission * detection_efficiency
+        counts = photons * o.transmission * o.detection_efficiency
 
         # Apply cos^4 of the angle off the axis
-        if focal_length_m is not None:
+        if o.focal_length_m is not None:
             square: Any = 1.0
             for axis, size in (("x", "film_width"), ("y", "film_height")):
                 film_size = _film_size(dataset, size)
                 offset_m = (dataset[axis] - (film_size / 2 - 0.5)) * o.pixel_pitch_m
-                square = square + (offset_m / focal_length_m) ** 2
+                square = square + (offset_m / o.focal_length_m) ** 2
             counts = counts / square**2
 
         # Add signal and background
-        signal = signal * counts * (o.pulse_energy_j / o.lamp_power_w)
-        background = (counts * ambient_radiance + dark_count_hz) * bin_s
+        signal = signal * counts * (pulse_energy_j / o.lamp_power_w)
+        background = (counts * o.ambient_radiance + o.dark_count_hz) * bin_s
 
     # Describe the result
     background = (background + 0.0 * dataset["y"] + 0.0 * dataset["x"]).transpose("y", "x")
     rate = (signal + background).transpose("y", "x", "opl")
     rate = rate.drop_vars(["opl", "time"], errors="ignore").rename(opl="bin")
     opl = "bin", dataset["opl"].values, dataset["opl"].attrs
-    kept = {name: value for name, value in given.items() if value is not None}
+    kept = {each.name: getattr(o, each.name) for each in fields(Optics)}
+    kept = {name: value for name, value in kept.items() if value is not None}
     kept |= {"scene": dataset.attrs.get("scene", ""), "quantity": "rate", "units": "1"}
     kept |= {"start_opl": window.start_opl, "bin_width_opl": window.bin_width_opl}
     found = xr.Dataset({"rate": rate, "background": background}, {"opl": opl}, kept)
@@ -169,9 +212,8 @@ def _film_size(dataset: xr.Dataset, name: str) -> float:
     return checks.number(f"dataset: attribute {name}", size, positive=True)
 
 
-def _check(dataset: xr.Dataset, given: dict[str, Any]) -> Bins:
-    """Check the parameters of `expected_photons`, and return the bins of the render."""
-    # Check the render
+def _check(dataset: xr.Dataset) -> Bins:
+    """Check that sensors can measure a render, and return its bins."""
     if dataset.attrs.get("camera_unwarp"):
         raise ValueError(
             "dataset has path lengths without the camera's segment (camera_unwarp = 1), which "
@@ -179,29 +221,4 @@ def _check(dataset: xr.Dataset, given: dict[str, Any]) -> Bins:
         )
     quantity = dataset.attrs.get("quantity")
     checks.require("quantity", quantity, quantity == "radiance per bin", "radiance per bin")
-
-    # Check each parameter
-    short = given["photons_per_cycle"] is not None
-    defaults: Any = expected_photons.__kwdefaults__
-    for name, default in defaults.items():
-        value = given[name]
-        # Its range
-        if value is not None or default is not None:
-            above = default is None
-            high = 1 if name in FRACTIONS else None
-            checks.number(name, value, positive=above, low=None if above else 0, high=high)
-
-        # Is it allowed?
-        of_short = name in ("photons_per_cycle", "background_per_cycle")
-        allowed = f"left out {'with' if short else 'without'} photons_per_cycle"
-        checks.require(name, value, of_short == short or value == default, allowed)
-
-        # Is it required?
-        valid = value is not None
-        allowed = "given, or photons_per_cycle instead of optics"
-        if name == "pulse_energy_j":
-            pair = [given["mean_power_w"], given["repetition_rate_hz"]]
-            valid = pair == [None, None] if valid else None not in pair
-            allowed = "given, or mean_power_w and repetition_rate_hz, and not both"
-        checks.require(name, value, short or valid or name not in NEEDED, allowed)
     return bins_of(dataset, "dataset")
