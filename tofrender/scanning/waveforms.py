@@ -174,7 +174,7 @@ def lidar(
         # Store the results of this pose
         if done < spp:
             raise KeyboardInterrupt(interrupted(done, spp, UNIT))
-        not_finite += record.not_finite
+        not_finite += record.accumulation.not_finite
         steady[group], transient[group] = (
             each.reshape(-1, *each.shape[2:])[: len(group)].mean(axis=-1, dtype=np.float64)
             for each in record.film.take()
