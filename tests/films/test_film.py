@@ -19,7 +19,7 @@ def empty(**parameters):
     return made
 
 
-def deposit(target, opl, value=1.0, position=(0.5, 0.5)) -> None:
+def deposit(target, opl, value=1.0, position=(0.5, 0.5), one_writer=False) -> None:
     opl = mi.Float(opl)
     target.add_transient_data(
         mi.Point2f(*position),
@@ -28,6 +28,7 @@ def deposit(target, opl, value=1.0, position=(0.5, 0.5)) -> None:
         mi.Spectrum(value),
         mi.Float(1),
         dr.full(mi.Bool, True, dr.width(opl)),
+        one_writer=one_writer,
     )
 
 
@@ -318,10 +319,9 @@ def test_films_that_cannot_be_filled(window, text):
 def test_folding_some_pixels_copies_nothing():
     """A copy of all bins would take as much memory again, and its time in each step."""
     target = empty(bins=64, bin_width=1.0)
-    target.one_writer_per_pixel = True
     pixels, places = mi.UInt32([0]), []
     for _ in range(5):
-        deposit(target, [0.5, 1.5])
+        deposit(target, [0.5, 1.5], one_writer=True)
         before = target.bins._sums.index
         target.flush(pixels)
         places.append(target.bins._sums.index == before)

@@ -196,8 +196,7 @@ class OneKind:
     def _pass(self, create) -> np.ndarray:
         """Render without any samples of pixels, which the picture's weights stand for."""
         record = recording(self.sensor.film(), self.integrator.exposure())
-        record.prepare()
-        record.begin(self.spp, True, True)
+        record.prepare(self.spp, True, True)
         create(record).sample(self.spp)
         return self._developed(record)
 

@@ -20,7 +20,7 @@ from tofrender.bidirectional.mis import BidirectionalMIS
 from tofrender.integrators.bidirectional import BidirectionalPlan
 from tofrender.paths.camera import ray_origin
 from tofrender.paths.protocols import Space
-from tofrender.paths.records import BSDFSample, Limits, Vertex
+from tofrender.paths.records import BSDFSample, Limits, Transmittance, Vertex
 from tofrender.paths.scattering import Materials
 
 LONGEST = 5  # Segments
@@ -163,7 +163,7 @@ class Track(Space):
 
     def transmittance(self, path, vertex, connection, sampler):
         """All: what is in the way was asked when the paths were found."""
-        return mi.Float(1)
+        return Transmittance(mi.Float(1))
 
 
 class Retraced(Materials):

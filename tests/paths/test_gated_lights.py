@@ -73,7 +73,7 @@ def test_connections_agree_and_are_as_long_as_the_bound(name):
         path.opl, path.η = opl, η
         vertex = Vertex(si, mi.Float(0), mi.Bool(True))
         em = lights.connect(vertex, path, sampler, mi.Bool(True))
-        em.weight *= Vacuum(loaded).transmittance(path, vertex, em, sampler)
+        em.weight *= Vacuum(loaded).transmittance(path, vertex, em, sampler).value
         assert dr.all(~em.active | (em.length >= lights.min_distance(si.p) - 1e-5))
         cos = dr.maximum(dr.dot(em.direction, si.n), 0)
         value = dr.mean(em.weight) * cos * gate.eval(5.0 - dr.fma(η, em.length, opl))

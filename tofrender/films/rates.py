@@ -86,10 +86,16 @@ class RateRecording(BinRecording):
         """Width of a bin [m]."""
         return self.opl.width
 
-    def measurement(self, camera: CameraRays, spp: int) -> RateBins:
+    def measurement(self, camera: CameraRays, one_writer: bool = False) -> RateBins:
         """Create the measurement of the bins."""
-        splat = self.splat(camera, spp)
-        bins = RateBins.of_film(self.film, camera, spp, None, splat_steady=splat)
+        bins = RateBins.of_film(
+            film=self.film,
+            camera=camera,
+            weight=self.accumulation.sample_weight(camera.weight),
+            pulse=None,
+            splat_steady=self._splat(camera),
+            one_writer=one_writer,
+        )
         return replace(bins, position_of=self._position_of)
 
     def _position_of(self, opl: mi.Float, rate: mi.Float) -> mi.Float:
@@ -110,6 +116,6 @@ class DopplerRecording(PhasorRecording):
         super().__init__(film, exposure)
         self.factor = factor
 
-    def measurement(self, camera: CameraRays, spp: int) -> PhasorSum:
+    def measurement(self, camera: CameraRays, one_writer: bool = False) -> PhasorSum:
         """Create the sums of phasors."""
-        return PhasorSum.zero(self.film.frequencies_hz, self.splat(camera, spp), self.factor)
+        return PhasorSum.zero(self.film.frequencies_hz, self._splat(camera), self.factor)

@@ -14,7 +14,7 @@ of films.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
@@ -22,9 +22,10 @@ import numpy as np
 
 from ..runtime import memory
 from ..signals.polarization import components, scaled, stokes_count
-from .colors import channels_of, color_count, kept, to_rgb
+from .accumulation import Accumulation, BinAccumulation, first_image
+from .colors import channels_of, kept, to_rgb
 from .contribution import CameraRays
-from .exposure import BINS, PHASORS, PICTURE, Exposure, Weight, profile
+from .exposure import BINS, PHASORS, PICTURE, Exposure, profile
 from .histogram import MAX_ADDED, TAKEN_COPIES
 from .image import require_resolved, stokes_channels
 from .phasor_sum import PhasorSum
@@ -63,51 +64,56 @@ def warn_not_finite(count: int, stacklevel: int = 4) -> None:
 
 
 class Recording:
-    """Adds light to a film.
+    """Writes the light of a render to a film.
 
-    The function `steps` calls the methods in this order: `prepare` and `begin`; `restore` to
-    continue from a checkpoint; then in each step `set_one_writer`, `measurement` and `channels` for
-    all samples, and `update_image`; and sometimes `flush`.
+    The function `steps` calls `prepare` once, and then in each step `measurement` and `channels`
+    for all samples, and `accumulation.update_image`. The attribute `accumulation` is the light that
+    the film contains. A render is resumed with its methods.
+
+    Attributes:
+        film: The film.
+        exposure: Weighting of light by path length. Its `weight` is None for films that resolve
+            path lengths.
     """
-
-    # Kind of film, which the exposure must support
-    kind: str | None = None
 
     # Whether pixels that see emitters get additional samples
     emitters_apart = False
 
-    # Weight by path length, None if all light has the weight 1
-    weight: Weight | None = None
-
     # Path length that the film resolves [m], None for films without time bins
     width_opl: float | None = None
-
-    # Number of images that splats are added to; an image contains all channels of color
-    splat_images = 1
 
     # Whether contributions must have the rate of change of their path length
     needs_rates = False
 
+    # Kind of film, which the exposure must support; None for all kinds
+    _kind: str | None = None
+
+    # Number of images that splats are added to; an image contains all channels of color
+    _splat_images = 1
+
+    # Class of the accumulation
+    _accumulates: type[Accumulation] = Accumulation
+
     def __init__(self, film: mi.Film, exposure: Exposure) -> None:
-        if self.kind is not None and self.kind not in exposure.supported_films:
+        if self._kind is not None and self._kind not in exposure.supported_films:
             allowed = " or ".join(exposure.supported_films)
             name = film.class_name() if type(film) is mi.Film else type(film).__name__
             raise TypeError(f"film = {name}: must be {allowed}, or a film with its interface")
         self.film = film
-        self.exposure = exposure
-        self.not_finite = (
-            0  # Number of contributions that were dropped because they were not finite
-        )
-        self.splats: Splats | None = None
+        self.exposure = replace(exposure, weight=None)
+        self._accumulation: Accumulation | None = None
 
     @property
     def image(self) -> mi.Film:
         """The image of the samples."""
         return self.film
 
-    def prepare(self) -> None:
-        """Clear the film."""
-        self.film.prepare([])
+    @property
+    def accumulation(self) -> Accumulation:
+        """The light that the film contains. Before `prepare`, this raises a `RuntimeError`."""
+        if self._accumulation is None:
+            raise RuntimeError("the film is not prepared. Call prepare() of its recording first")
+        return self._accumulation
 
     def require_memory(self, spp: int) -> None:
         """Raise a `MemoryError` if a film with `spp` samples per pixel cannot be developed."""
@@ -119,30 +125,31 @@ class Recording:
             f"Use a steady film instead of {self.film.class_name()}, or another integrator"
         )
 
-    def measurement(self, camera: CameraRays, spp: int) -> Radiance:
-        """Create the measurement of camera rays. Its `total` is the color of the picture."""
-        return Radiance.zero(self.splat(camera, spp))
+    def prepare(self, spp: int, splats: bool = False, apart: bool = False) -> None:
+        """Clear the film, and prepare it for samples.
 
-    def splat(self, camera: CameraRays, spp: int) -> Splat | None:
-        """Return a function that adds splats to the picture, None for renders without splats."""
-        if self.splats is None:
-            return None
-        splats = self.splats
-        weight = camera.weight / spp
+        Args:
+            spp: Number of samples per pixel.
+            splats: Whether measurements add contributions at positions of their own.
+            apart: Whether kernels that add splats do not add samples. This saves memory.
+        """
+        self.film.prepare(self._extra_channels())
+        self._accumulation = self._accumulates(
+            film=self.film,
+            image=self.image,
+            spp=spp,
+            splats=Splats(self.film, self._splat_images) if splats else None,
+            arrange=self._arrange,
+        )
 
-        def add(spectra: list[mi.Spectrum], position: mi.Point2f, active: mi.Bool) -> None:
-            """Add the spectra of all images at a position on the film [pixels]."""
-            lights = [scaled(each, weight) for each in spectra]
-            values = [channels_of(each, camera.ray.wavelengths) for each in lights]
-            splats.add(position, values, 0, active)
+    def measurement(self, camera: CameraRays, one_writer: bool = False) -> Radiance:
+        """Create the measurement of camera rays. Its `total` is the color of the picture.
 
-        return add
-
-    def splatted(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the sums of splats, for channels before and after the image's weight channel."""
-        first = self._splatted[:, :, 0]
-        colors = self._splatted.shape[3] // stokes_count()
-        return first[:, :, :colors], first[:, :, colors:]
+        Args:
+            camera: The camera rays.
+            one_writer: Whether only one thread writes to each pixel, which makes bins faster.
+        """
+        return Radiance.zero(self._splat(camera))
 
     def channels(self, camera: CameraRays, measured: Radiance, valid_ray: mi.Bool) -> Channels:
         """Return the channels of samples before and after the image's weight channel.
@@ -162,109 +169,62 @@ class Recording:
             first.append(dr.select(valid_ray, mi.Float(1), mi.Float(0)))
         return first, [value for each in rest for value in kept(each)]
 
-    def begin(self, spp: int, splats: bool = False, apart: bool = False) -> None:
-        """Prepare for samples.
+    def _extra_channels(self) -> list[str]:
+        """Return the names of channels of the film after its colors."""
+        return []
 
-        Args:
-            spp: Number of samples per pixel.
-            splats: Whether measurements add contributions at positions of their own.
-            apart: Whether kernels that add splats do not add samples. This saves memory.
-        """
-        self.splats = Splats(self.film, self.splat_images) if splats else None
-        self._splatted = self._in_picture = np.zeros(())
+    def _arrange(self, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Arrange sums of splats in the channels of the image, see `accumulation.Arrange`."""
+        return first_image(sums)
 
-    def update_image(self, taken: int, spp: int) -> None:
-        """Add splats to the picture, after `taken` of `spp` samples per pixel."""
-        if self.splats is None:
-            return
+    def _splat(self, camera: CameraRays) -> Splat | None:
+        """Return a function that adds splats to the picture, None for renders without splats."""
+        splats = self.accumulation.splats
+        if splats is None:
+            return None
+        weight = self.accumulation.sample_weight(camera.weight)
 
-        # Accumulate in double precision, because single precision loses small addends
-        self._splatted = self._splatted + np.array(self.splats.cells.tensor(), dtype=float)
-        self.splats.cells.scale(0.0)
+        def add(spectra: list[mi.Spectrum], position: mi.Point2f, active: mi.Bool) -> None:
+            """Add the spectra of all images at a position on the film [pixels]."""
+            lights = [scaled(each, weight) for each in spectra]
+            values = [channels_of(each, camera.ray.wavelengths) for each in lights]
+            splats.add(position, values, 0, active)
 
-        # Arrange the splats in the channels of the image
-        color, rest = self.splatted()
-        raw = np.array(self.image.develop(raw=True))
-        count = color_count(self.image)
-        weight = raw[:, :, count : count + 1]
-        splats = np.zeros_like(raw)
-        splats[:, :, :3] = color
-        if rest.shape[2]:
-            splats[:, :, count + 1 :] = rest
-
-        # `develop` divides by the weights of samples, but splats are already normalized
-        splats *= weight * (spp / taken)
-
-        # Add the difference to the splats that are already in the picture
-        added = mi.TensorXf(splats - self._in_picture)
-        self.image.put_block(mi.ImageBlock(added, self.image.crop_offset()))
-        self._in_picture = splats
-
-    def set_one_writer(self, one_writer: bool) -> None:
-        """Set whether only one thread writes to each pixel in the next kernel."""
-
-    def flush(self, pixels: mi.UInt32 | None = None) -> None:
-        """Move the sums of some pixels or of all pixels to a second array.
-
-        This avoids that single precision loses small addends.
-        """
-
-    def state(self) -> dict[str, np.ndarray]:
-        """Return the film's content for a checkpoint, as arrays that may share memory with it."""
-        picture = np.array(self.image.develop(raw=True))
-        state = {"picture": picture, "not_finite": np.array(self.not_finite)}
-        if self.splats is not None:
-            state |= {"splatted": self._splatted, "in_picture": self._in_picture}
-        return state
-
-    def restore(self, state: Mapping[str, np.ndarray], taken: int, of: int, spp: int) -> None:
-        """Restore the film's content from a `state`, after `begin`.
-
-        Args:
-            state: The state.
-            taken: Samples per pixel that the state contains.
-            of: Planned samples per pixel of the render that stored the state.
-            spp: Planned samples per pixel of this render.
-        """
-        picture = mi.TensorXf(state["picture"])
-        self.image.put_block(mi.ImageBlock(picture, self.image.crop_offset()))
-        self.not_finite = int(state["not_finite"])
-        if "splatted" in state:
-            self._splatted = state["splatted"] * (of / spp)
-            self._in_picture = state["in_picture"]
-        self.update_image(taken, spp)
+        return add
 
 
 class PictureRecording(Recording):
     """Recording of a steady picture of all light, or of light weighted by path length."""
 
-    kind = PICTURE
+    _kind = PICTURE
 
     def __init__(self, film: mi.Film, exposure: Exposure) -> None:
         super().__init__(film, exposure)
         if exposure.steady_film_error:
             raise ValueError(exposure.steady_film_error)
-        self.weight = exposure.weight
+        self.exposure = exposure
         self.emitters_apart = exposure.weight is not None
-
-    def prepare(self) -> None:
-        """Clear the film, and add channels for Stokes components in polarized variants."""
-        self.film.prepare(stokes_channels())
 
     def require_no_lengths(self, integrator: str) -> None:
         """Accept any integrator, because a steady picture does not need path lengths."""
 
-    def measurement(self, camera: CameraRays, spp: int) -> Radiance:
+    def measurement(self, camera: CameraRays, one_writer: bool = False) -> Radiance:
         """Create the sum of light, weighted by path length if the exposure has a weight."""
-        splat = self.splat(camera, spp)
-        return Radiance.zero(splat) if self.weight is None else Weighted.zero(self.weight, splat)
+        splat = self._splat(camera)
+        weight = self.exposure.weight
+        return Radiance.zero(splat) if weight is None else Weighted.zero(weight, splat)
+
+    def _extra_channels(self) -> list[str]:
+        """Return the channels for Stokes components in polarized variants."""
+        return stokes_channels()
 
 
 class BinRecording(Recording):
     """Recording of time bins, with the light's pulse convolved with the temporal filter."""
 
-    kind = BINS
+    _kind = BINS
     emitters_apart = True
+    _accumulates = BinAccumulation
 
     def __init__(self, film: mi.Film, exposure: Exposure) -> None:
         super().__init__(film, exposure)
@@ -298,47 +258,30 @@ class BinRecording(Recording):
         result = shape[3] / memory.stride(shape[3])
         memory.require_film(*shape, copies=copies + result, host_copies=TAKEN_COPIES)
 
-    def measurement(self, camera: CameraRays, spp: int) -> TimeBins:
-        """Create the measurement of the bins."""
-        splat = self.splat(camera, spp)
-        return TimeBins.of_film(
-            self.film, camera, spp, self.profile, self.exposure.at_centers, splat
-        )
-
-    def begin(self, spp: int, splats: bool = False, apart: bool = False) -> None:
-        """Prepare the film for `spp` samples per pixel, with or without splats."""
-        super().begin(spp, splats, apart)
-        self.film.samples_per_pixel = spp
+    def prepare(self, spp: int, splats: bool = False, apart: bool = False) -> None:
+        """Clear the film, and allocate bins for splats."""
+        super().prepare(spp, splats, apart)
         if splats:
             self.film.expect_splats(apart)
 
-    def set_one_writer(self, one_writer: bool) -> None:
-        """Set whether only one thread writes to each pixel in the next kernel."""
-        self.film.one_writer_per_pixel = one_writer and self.film.rfilter().is_box_filter()
-
-    def update_image(self, taken: int, spp: int) -> None:
-        """Add splats to the picture, after `taken` of `spp` samples per pixel."""
-        super().update_image(taken, spp)
-        self.film.taken = taken / spp
-
-    def state(self) -> dict[str, np.ndarray]:
-        """Return the content of picture and bins."""
-        return super().state() | self.film.state()
-
-    def restore(self, state: Mapping[str, np.ndarray], taken: int, of: int, spp: int) -> None:
-        """Restore picture and bins."""
-        self.film.restore(state, of / spp)
-        super().restore(state, taken, of, spp)
-
-    def flush(self, pixels: mi.UInt32 | None = None) -> None:
-        """Flush the bins."""
-        self.film.flush(pixels)
+    def measurement(self, camera: CameraRays, one_writer: bool = False) -> TimeBins:
+        """Create the measurement of the bins."""
+        return TimeBins.of_film(
+            film=self.film,
+            camera=camera,
+            weight=self.accumulation.sample_weight(camera.weight),
+            pulse=self.profile,
+            at_centers=self.exposure.at_centers,
+            splat_steady=self._splat(camera),
+            one_writer=one_writer,
+        )
 
 
 class MitransientRecording(BinRecording):
     """Recording of time bins on mitransient's film, without splats, checkpoints and flushing."""
 
     emitters_apart = False  # Pixels of visible emitters would need flushing
+    _accumulates = Accumulation
 
     def __init__(self, film: mi.Film, exposure: Exposure) -> None:
         if mi.is_polarized:
@@ -355,28 +298,29 @@ class MitransientRecording(BinRecording):
     def require_memory(self, spp: int) -> None:
         """Accept any film, because the memory of mitransient's film is unknown."""
 
-    def begin(self, spp: int, splats: bool = False, apart: bool = False) -> None:
-        """Prepare the film for `spp` samples per pixel, and refuse splats."""
+    def prepare(self, spp: int, splats: bool = False, apart: bool = False) -> None:
+        """Clear the film, and refuse splats."""
         if splats:
             raise TypeError(
                 f"{self._named(self.film)}: light tracing is not supported. {USE_OUR_FILM}"
             )
-        super().begin(spp)
+        super().prepare(spp)
 
-    def flush(self, pixels: mi.UInt32 | None = None) -> None:
-        """Do nothing, because mitransient's film does not support flushing."""
+    def measurement(self, camera: CameraRays, one_writer: bool = False) -> TimeBins:
+        """Create the measurement of the bins. mitransient's film adds atomically."""
+        return super().measurement(camera)
 
 
 class PhasorRecording(Recording):
     """Recording of phasors, multiplied by the Fourier transform of the light's pulse."""
 
-    kind = PHASORS
+    _kind = PHASORS
     emitters_apart = True
 
-    def prepare(self) -> None:
+    def prepare(self, spp: int, splats: bool = False, apart: bool = False) -> None:
         """Clear the film, and refuse a film that does not fit into memory."""
-        self.require_memory(1)
-        super().prepare()
+        self.require_memory(spp)
+        super().prepare(spp, splats, apart)
 
     def require_memory(self, spp: int) -> None:
         """Refuse a film if its image and the results do not fit into memory."""
@@ -393,26 +337,25 @@ class PhasorRecording(Recording):
         """The film's image, with channels of phasors after the channels of color."""
         return self.film.steady
 
-    def measurement(self, camera: CameraRays, spp: int) -> PhasorSum:
+    def measurement(self, camera: CameraRays, one_writer: bool = False) -> PhasorSum:
         """Create the sums of phasors."""
-        return PhasorSum.zero(self.film.frequencies_hz, self.splat(camera, spp))
+        return PhasorSum.zero(self.film.frequencies_hz, self._splat(camera))
 
     @property
-    def splat_images(self) -> int:
+    def _splat_images(self) -> int:
         """Number of images: one for all light, and two for each frequency."""
         return 1 + 2 * len(self.film.frequencies_hz)
 
-    def splatted(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the sums of splats: colors, and phasors multiplied by the film's factors."""
+    def _arrange(self, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Arrange sums of splats: colors, and phasors multiplied by the film's factors."""
         # Multiply the phasors by the film's factors
-        sums = self._splatted
         n = len(self.film.frequencies_hz)
         phasors = sums[:, :, 1 : n + 1] + 1j * sums[:, :, n + 1 :]
         phasors = phasors * self.film.factors(self.exposure.pulse)[:, None]
 
         # Append the phasors to the other channels
         parts = np.stack([phasors.real, phasors.imag], axis=3)
-        first, rest = super().splatted()
+        first, rest = super()._arrange(sums)
         return first, np.concatenate([rest, parts.reshape(*sums.shape[:2], -1)], axis=2)
 
     def channels(self, camera: CameraRays, measured: Radiance, valid_ray: mi.Bool) -> Channels:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -38,31 +39,35 @@ class TimeBins(Radiance):
         cls,
         film: mi.Film,
         camera: CameraRays,
-        spp: int,
+        weight: mi.UnpolarizedSpectrum,
         pulse: Pulse | None,
         at_centers: bool = False,
         splat_steady: Splat | None = None,
+        one_writer: bool = False,
     ) -> TimeBins:
         """Create the measurement of the bins of this package's or mitransient's film.
 
         Args:
             film: The film.
             camera: The camera rays.
-            spp: Number of samples per pixel.
+            weight: Weight of the camera rays over the number of samples per pixel.
             pulse: Temporal profile of the light, None for an instant.
             at_centers: False for bins that measure the exact energy of the pulse in the bin, which
                 does not add noise. True for bins that measure the density of the pulse at their
                 center.
             splat_steady: Function that adds splats to the steady image.
+            one_writer: Whether only one thread writes to each pixel. mitransient's film does not
+                support this.
         """
         position = camera.position
         wavelengths = camera.ray.wavelengths
-        weight = camera.weight / spp
 
         # Convert wavelengths to colors once, because polarized light would otherwise convert them
         # for four components at each vertex
         spectral = mi.is_polarized and mi.is_spectral
-        options = {"colors": units_of(wavelengths)} if spectral else {}
+        options: dict[str, Any] = {"colors": units_of(wavelengths)} if spectral else {}
+        if one_writer:
+            options["one_writer"] = True
 
         def put(spectrum: mi.Spectrum, opl: mi.Float, active: mi.Bool) -> None:
             """Add light of an instant to a bin."""

@@ -52,12 +52,8 @@ class TransientHDRFilm(mi.Film):
     mitransient's in monochromatic polarized variants. mitransient's picture has S0 only, and its
     spectral polarized films have S0 only.
 
-    Attributes that an integrator sets after `prepare`:
-
-    - `samples_per_pixel`: Number of samples per pixel; `add_transient_data` expects `spec` divided
-      by this number. Required for filters other than box.
-    - `taken`: Fraction of these samples that have been taken, above 0 and at most 1.
-    - `one_writer_per_pixel`: Whether only one thread writes to each pixel, see `Histogram.add`.
+    Integrators call `prepare`, `add_transient_data`, and then `count_samples`. Only films with a
+    box filter, and with all samples, do not need `count_samples`.
 
     Limitations: alpha channels and AOVs in time and exhaustive scans are not supported. Pictures
     equal those of Mitsuba's JIT variants. Mitsuba's `scalar_*` variants read filters other than box
@@ -105,10 +101,9 @@ class TransientHDRFilm(mi.Film):
         self._splats: Splats | None = None
         self._splats_in_bins = False
 
-        # State of a render
-        self.samples_per_pixel: float | None = None
-        self.taken = 1.0
-        self.one_writer_per_pixel = False
+        # Planned samples per pixel of a render, and the fraction of these that have been taken
+        self._samples_per_pixel: int | None = None
+        self._taken = 1.0
 
     def recording(self, exposure: Exposure) -> BinRecording:
         """Return the recording of an integrator's light on this film, see `films.recording`."""
@@ -140,9 +135,8 @@ class TransientHDRFilm(mi.Film):
         self._splats_in_bins = False
         self._bins = Histogram(*self.shape)
         self._steady = image_film(self)
-        self.samples_per_pixel = None
-        self.taken = 1.0
-        self.one_writer_per_pixel = False
+        self._samples_per_pixel = None
+        self._taken = 1.0
         return self.steady.prepare([*aovs, *stokes_channels()])
 
     def clear(self) -> None:
@@ -168,6 +162,17 @@ class TransientHDRFilm(mi.Film):
         self._splats_in_bins = in_bins and self.rfilter().is_box_filter()
         if not self._splats_in_bins:
             self._splats = Splats(self, self.temporal_bins)
+
+    def count_samples(self, taken: int, planned: int) -> None:
+        """Set the number of samples per pixel that the film contains.
+
+        Args:
+            taken: Samples per pixel that have been taken, at least 1 and at most `planned`.
+            planned: Planned samples per pixel. `add_transient_data` expects `spec` divided by this
+                number.
+        """
+        self._samples_per_pixel = planned
+        self._taken = taken / planned
 
     def flush(self, pixels: mi.UInt32 | None = None) -> None:
         """Move the sums in bins to a second array, which `develop` adds.
@@ -233,6 +238,7 @@ class TransientHDRFilm(mi.Film):
         ray_weight: mi.Float,
         active: mi.Bool,
         colors: Sequence[mi.Color3f] | None = None,
+        one_writer: bool = False,
         **_laser,
     ) -> None:
         """Add a contribution to the bin of its path length.
@@ -246,6 +252,7 @@ class TransientHDRFilm(mi.Film):
             ray_weight: Weight of the camera ray, a factor of `spec`.
             active: Lanes with a contribution.
             colors: Colors of the wavelengths from `colors.units_of`, if they are known.
+            one_writer: Whether only one thread writes to each pixel, see `Histogram.add`.
             **_laser: Arguments of mitransient's integrators for laser scans, which are ignored.
         """
         # Convert the light to channels
@@ -257,9 +264,10 @@ class TransientHDRFilm(mi.Film):
             values = channels_by(colors, light)
 
         # Distribute the light over the pixels of the reconstruction filter
+        private = one_writer and self.rfilter().is_box_filter()
         for x, y, weight in footprint(self, pos):
             weighted = [value * weight for value in values]
-            self.bins.add(weighted, x, y, k, active, private=self.one_writer_per_pixel)
+            self.bins.add(weighted, x, y, k, active, private=private)
 
     # --------------------- Results ---------------------
 
@@ -270,8 +278,8 @@ class TransientHDRFilm(mi.Film):
             raw: Whether the sums are not divided by the weights of the reconstruction filter.
 
         Raises:
-            RuntimeError: If `prepare` has not been called, or if `samples_per_pixel` is not set and
-                the filter is not box.
+            RuntimeError: If `prepare` has not been called, or if `count_samples` has not been
+                called and the filter is not box.
         """
         # Bins of samples
         scale = None if raw else self._pixel_scale()
@@ -279,7 +287,7 @@ class TransientHDRFilm(mi.Film):
 
         # Bins of splats
         if self._splats is not None:
-            bins += self._splats.cells.tensor() * (1.0 if raw else 1 / self.taken)
+            bins += self._splats.cells.tensor() * (1.0 if raw else 1 / self._taken)
         return self.steady.develop(raw=raw), bins
 
     def take(self) -> tuple[np.ndarray, np.ndarray]:
@@ -292,7 +300,7 @@ class TransientHDRFilm(mi.Film):
         transient = self.bins.take(scale)
         if self._splats is not None:
             splats = self._splats.cells.take()
-            splats /= self.taken
+            splats /= self._taken
             transient += splats
         self._steady = self._bins = self._splats = None
         return steady, transient
@@ -352,7 +360,7 @@ class TransientHDRFilm(mi.Film):
         k = checks.integer("k", k, 0, self.temporal_bins - 1)
         image = self.bins.slice(k, self._pixel_scale())
         if self._splats is not None:
-            image += self._splats.cells.slice(k) / self.taken
+            image += self._splats.cells.slice(k) / self._taken
         return image
 
     def merge_tile(self, tile: TransientHDRFilm) -> None:
@@ -395,8 +403,8 @@ class TransientHDRFilm(mi.Film):
             self._histograms()["splats"].merge(tile._splats.cells, x, y)
         raw = tile.steady.develop(raw=True)
         self.steady.put_block(mi.ImageBlock(raw, tile.crop_offset()))
-        self.samples_per_pixel = tile.samples_per_pixel
-        self.taken = min(self.taken, tile.taken)
+        self._samples_per_pixel = tile._samples_per_pixel
+        self._taken = min(self._taken, tile._taken)
 
     def scale(self, factor: float) -> None:
         """Multiply the bins and the steady image by a number."""
@@ -433,16 +441,16 @@ class TransientHDRFilm(mi.Film):
         Returns:
             The ratios, or None if all ratios are 1.
         """
-        if self.rfilter().is_box_filter() and self.taken == 1:
+        if self.rfilter().is_box_filter() and self._taken == 1:
             return None
-        if self.samples_per_pixel is None:
+        if self._samples_per_pixel is None:
             raise RuntimeError(
-                "transient_hdr_film: samples_per_pixel is not set, but the filter "
-                f"{self.rfilter()} needs it. Set samples_per_pixel before develop()"
+                f"transient_hdr_film: the filter {self.rfilter()} needs the number of samples. "
+                "Call count_samples() before develop()"
             )
 
         # Read the weight channel of the steady image
         raw = self.steady.develop(raw=True)
         pixel = dr.arange(mi.UInt32, raw.shape[0] * raw.shape[1])
         weight = dr.gather(mi.Float, raw.array, pixel * raw.shape[2] + WEIGHT)
-        return dr.select(weight != 0, self.samples_per_pixel / weight, 0)
+        return dr.select(weight != 0, self._samples_per_pixel / weight, 0)

@@ -60,27 +60,25 @@ class Changes:
     Args:
         record: The recording.
         camera: The camera rays.
-        spp: Number of samples per pixel.
         gradients: Reverse mode only: gradients of a loss by the developed tensors of the film,
             first the picture, then the bins or phasors.
     """
 
     def __init__(
-        self, record: Recording, camera: CameraRays, spp: int, gradients: Sequence[mi.TensorXf] = ()
+        self, record: Recording, camera: CameraRays, gradients: Sequence[mi.TensorXf] = ()
     ) -> None:
         self.record = record
         self.camera = camera
-        self.spp = spp
         self.gradients = [*gradients]
         self.gradients_of_sums = self._gradients_of_sums() if gradients else []
 
     def step(self) -> Collected:
         """Create the measurement of one vertex."""
-        return Collected(self.record.measurement(self.camera, self.spp), [])
+        return Collected(self.record.measurement(self.camera), [])
 
     def zero(self) -> Rates:
         """Return sums that are 0."""
-        return self.record.measurement(self.camera, self.spp).sums
+        return self.record.measurement(self.camera).sums
 
     # --------------------- Forward mode ---------------------
 
@@ -111,7 +109,7 @@ class Changes:
 
     def _channels(self, sums: Rates) -> tuple[list[mi.Float], list[mi.Float]]:
         """Return the picture's channels for given sums of light."""
-        measured = self.record.measurement(self.camera, self.spp).with_sums(sums)
+        measured = self.record.measurement(self.camera).with_sums(sums)
         return self.record.channels(self.camera, measured, mi.Bool(False))
 
     # --------------------- Reverse mode ---------------------
@@ -145,7 +143,7 @@ class Changes:
             loss = mi.Float(0)
             for number, channel in enumerate(self._developed(*self._channels(sums))):
                 loss += channel * self._gradient(number)
-            dr.backward_from(loss / self.spp, flags=REVERSE)
+            dr.backward_from(loss / self.record.accumulation.spp, flags=REVERSE)
             return [dr.grad(each) for each in sums]
 
     def _developed(self, before: list[mi.Float], behind: list[mi.Float]) -> list[mi.Float]:
@@ -229,7 +227,7 @@ class BinChanges(Changes):
 
     def _weighted(self, light: mi.Spectrum) -> mi.Spectrum:
         """Return light with the weight of its sample."""
-        return scaled(light, self.camera.weight / self.spp)
+        return scaled(light, self.record.accumulation.sample_weight(self.camera.weight))
 
     # --------------------- Reverse mode ---------------------
 

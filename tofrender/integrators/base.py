@@ -263,7 +263,7 @@ lengths |
         with dr.suspend_grad():
             for _ in steps(self.tracer(scene, sensor, record), record, sensor, sampler, seed):
                 pass
-            warn_not_finite(record.not_finite)
+            warn_not_finite(record.accumulation.not_finite)
             return film.develop() if develop else None
 
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0):
@@ -343,7 +343,7 @@ lengths |
         """Return the plan, or for a user-defined subclass a tracer that calls its `sample()`."""
         if is_user_defined(self):
             return UserDefinedTracer(self, scene, record, *self.sample_arguments())
-        plan = self.plan(scene, sensor, record.weight)
+        plan = self.plan(scene, sensor, record.exposure.weight)
         if record.needs_rates and motions_of(scene):
             return plan.with_motion(Velocities(scene, sensor))
         return plan

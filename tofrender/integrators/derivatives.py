@@ -135,7 +135,7 @@ class Derivative:
             for rays in self._passes(seed):
                 # Flush the film before single precision loses small addends
                 if added + rays.spp > MAX_ADDED:
-                    self.record.flush()
+                    self.record.accumulation.flush()
                     added = 0
 
                 # Add the derivatives of this pass
@@ -143,13 +143,13 @@ class Derivative:
                     self._add_rates(rays)
                 added += rays.spp
                 bar.update(rays.spp)
-            self.record.update_image(self.spp, self.spp)
+            self.record.accumulation.update_image(self.spp)
             return self.record.film.develop()
 
     def _add_rates(self, rays: Rays) -> None:
         """Add the derivatives of one pass to the film."""
         # Differentiate the start of the paths
-        film = self.changes(self.record, rays.camera, self.spp)
+        film = self.changes(self.record, rays.camera)
         with dr.resume_grad():
             start, collected = rays.attached_start(film)
             rates = film.jvp(collected, film.zero(), start)
@@ -188,7 +188,7 @@ class Derivative:
         with dr.suspend_grad(), ProgressBar("Gradients", self.spp, unit="spp") as bar:
             for rays in self._passes(seed):
                 # Propagate the gradient of the film to the start of the paths
-                film = self.changes(self.record, rays.camera, self.spp, gradients)
+                film = self.changes(self.record, rays.camera, gradients)
                 gradient = vjp(rays.sampler, rays.path, rays.parts, film)
 
                 # Propagate this gradient to the parameters
@@ -206,8 +206,7 @@ class Derivative:
         sampler = best_sampler(spp)
         width, height = sampled_size(record.film)
         lanes = max(1, min(spp, step_samples(PASS_SAMPLES) // (width * height), MAX_ADDED))
-        record.prepare()
-        record.begin(spp)
+        record.prepare(spp)
         while done < spp:
             # Seed the sampler, with `count` lanes per pixel
             count = min(lanes, spp - done)

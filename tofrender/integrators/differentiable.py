@@ -275,7 +275,7 @@ def _pulse_reasons(record: Recording, by_width: bool, changes_lengths: bool) -> 
 
     # Time gates need a continuous density of the pulse
     exposure = record.exposure
-    gate = getattr(record.weight, "pulse", exposure.pulse if exposure.at_centers else None)
+    gate = getattr(record.exposure.weight, "pulse", exposure.pulse if exposure.at_centers else None)
     if gate is not None and hasattr(gate, "support") and not _is_smooth(gate, gate.eval):
         yield (
             f"pulse = {checks.quote(gate)}: the pulse has hard edges, so gates do not have "

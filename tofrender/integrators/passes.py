@@ -92,10 +92,10 @@ class PixelSampler:
         record: Recording on the film.
         sensor: The sensor.
         sampler: Sampler of the camera rays and paths.
-        spp: Samples per pixel of the render.
         tile: Position of the film in a larger film, None for a whole film.
         rate: Number of rays per sample of a pixel.
         splats: Whether all contributions are added as splats.
+        one_writer: Whether only one thread writes to each pixel.
     """
 
     def __init__(
@@ -104,19 +104,19 @@ class PixelSampler:
         record: Recording,
         sensor: mi.Sensor,
         sampler: mi.Sampler,
-        spp: int,
         tile: Tile | None,
         rate: float = 1,
         splats: bool = False,
+        one_writer: bool = False,
     ) -> None:
         self.tracer = tracer
         self.record = record
         self.sensor = sensor
         self.sampler = sampler
-        self.spp = spp
         self.tile = tile
         self.rate = rate
         self.splats = splats
+        self.one_writer = one_writer
 
     def sample(
         self, pixel: mi.UInt32
@@ -136,7 +136,7 @@ class PixelSampler:
             camera = replace(camera, weight=camera.weight / self.rate)
 
         # Trace the paths
-        measurement = record.measurement(camera, self.spp)
+        measurement = record.measurement(camera, self.one_writer)
         target = AsSplats(measurement, camera.position) if self.splats else measurement
         traced, path = self.tracer.trace(
             self.sampler, camera.ray, camera.origin, target, frame=camera.frame
@@ -216,19 +216,18 @@ def steps(
     # --------------------- Prepare the film and the samplers ---------------------
 
     # Clear the film
-    record.prepare()
     width, height = sampled_size(film)
     spp = sampler.sample_count()
     done = samples.done
     lanes, most, private = _lanes(sampler, width * height, spp - done)
     extra_splats = photons is not None or any(rays.splats for rays in extra_rays)
-    record.begin(
+    record.prepare(
         spp, splats=tracer.splats or extra_splats, apart=extra_splats and not tracer.splats
     )
 
     # Restore the film from a checkpoint
     if samples.saved is not None:
-        record.restore(samples.saved.arrays, samples.saved.done, samples.saved.of, spp)
+        record.accumulation.restore(samples.saved)
 
     # Seed the sampler. Several lanes share a pixel, and all lanes continue an earlier render
     lane = dr.arange(mi.UInt32, width * height * lanes)
@@ -241,8 +240,8 @@ def steps(
         record=record,
         sensor=sensor,
         sampler=sampler,
-        spp=spp,
         tile=tile,
+        one_writer=private,
     )
     passes: list[_ExtraPixels | _PhotonPass] = []
     reached = np.unique(np.concatenate([rays.pixels for rays in extra_rays] or [np.zeros(0, int)]))
@@ -281,9 +280,8 @@ def steps(
         # Trace the main paths
         start = time.perf_counter()
         count = min(per_step, (spp - done) // lanes)
-        record.set_one_writer(private)
         with backend.tracing_lock():
-            record.not_finite += _step(pixels, pixel, count)
+            record.accumulation.not_finite += _step(pixels, pixel, count)
 
         # Trace the other techniques, with the same number of samples per pixel
         for each in passes:
@@ -291,9 +289,9 @@ def steps(
         done += count * lanes
 
         # Add splats to the picture, and flush the film before single precision loses small addends
-        record.update_image(done, spp)
+        record.accumulation.update_image(done)
         if spp > done >= flushed + MAX_ADDED:
-            record.flush()
+            record.accumulation.flush()
             flushed = done
 
         # Adjust the size of the next step. The first step may be slow because of compilation, so
@@ -394,7 +392,6 @@ class _ExtraPixels:
             record=record,
             sensor=sensor,
             sampler=sampler,
-            spp=spp,
             tile=tile,
             rate=rate,
             splats=rays.splats,
@@ -402,14 +399,14 @@ class _ExtraPixels:
 
     def sample(self, count: int) -> None:
         """Trace the extra rays of `count` samples per pixel."""
-        self.record.set_one_writer(False)
         while count:
             # Add `now` samples per lane, and flush the pixels after at most `MAX_ADDED` rays
             most = MAX_ADDED // self.rate // self.lanes_per_ray
             now = min(count // self.lanes_per_ray, most)
             with backend.tracing_lock():
-                self.record.not_finite += _step(self.pixels, self.pixel, now, weight=0.0)
-            self.record.flush(self.reached)
+                not_finite = _step(self.pixels, self.pixel, now, weight=0.0)
+            self.record.accumulation.not_finite += not_finite
+            self.record.accumulation.flush(self.reached)
             count -= now * self.lanes_per_ray
 
 
@@ -456,16 +453,15 @@ class _PhotonPass:
             record=record,
             sensor=sensor,
             sampler=sampler,
-            spp=spp,
             tile=None,
             rate=lanes / pixels,
         )
 
     def sample(self, count: int) -> None:
         """Trace the photons of `count` samples per pixel."""
-        self.record.set_one_writer(False)
         with backend.tracing_lock():
-            self.record.not_finite += _step(self.photons, self.pixel, count, weight=0.0)
+            not_finite = _step(self.photons, self.pixel, count, weight=0.0)
+        self.record.accumulation.not_finite += not_finite
 
 
 def _reached_pixels(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:

@@ -66,7 +66,7 @@ def run(
 
             # Save the checkpoint regularly and before a stop
             if checkpoint is not None and (checkpoint.due or stop.requested):
-                checkpoint.save(done, spp, record.state())
+                checkpoint.save(done, spp, record.accumulation.state())
             if stop.requested:
                 break
     return done
@@ -113,7 +113,7 @@ def render_image(
         # Trace with a plan
         require_method(integrator, method, refusal)
         record = recording(film, integrator.exposure(*targets))
-        tracer = integrator.plan(scene, sensor, record.weight)
+        tracer = integrator.plan(scene, sensor, record.exposure.weight)
 
     # Render all samples
     render_all(
@@ -188,7 +188,7 @@ def render_all(
     if done < spp:
         again = checkpoint.again if checkpoint else ""
         raise KeyboardInterrupt(interrupted(done, spp, UNIT, again))
-    warn_not_finite(record.not_finite, stacklevel)
+    warn_not_finite(record.accumulation.not_finite, stacklevel)
 
 
 def made_with(

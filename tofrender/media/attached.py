@@ -20,7 +20,7 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
-from ..paths.records import Connection, MediumPoint, Path, Vertex
+from ..paths.records import Connection, MediumPoint, Path, Transmittance, Vertex
 from ..signals.polarization import multiply_throughput
 from .flight import Flight
 from .phases import as_surface
@@ -98,7 +98,7 @@ class AttachedMedia(MediaTransport):
 
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> mi.Spectrum:
+    ) -> Transmittance:
         """Estimate the transmittance of a connection as `Media` does, with derivatives."""
         # In a single homogeneous medium, the estimate itself has derivatives
         if not self.repeats:
@@ -113,7 +113,7 @@ class AttachedMedia(MediaTransport):
         length = connection.medium_length
         length = dr.norm(connection.point - o) if length is None else length
         change = self._transmittance_change(medium, ray, o, length, sampler, connection.active)
-        return transmittance * change
+        return replace(transmittance, value=transmittance.value * change)
 
     def _transmittance_change(
         self,

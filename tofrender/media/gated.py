@@ -11,6 +11,7 @@ import mitsuba as mi
 
 from ..paths.endpoints.emitters import EmitterEndpoint
 from ..paths.endpoints.gated import GatedEmitters
+from ..paths.protocols import LeaveVertex
 from ..paths.records import Connection, Hit, Path, Vertex
 from .space import Media
 
@@ -104,7 +105,27 @@ class EllipsoidalConnections:
         self.gate = gate
         self.media = media
 
-    def prepare(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Ellipsoid:
+    def connect(
+        self,
+        path: Path,
+        sampler: mi.Sampler,
+        active: mi.Bool,
+        leave: LeaveVertex | None = None,
+    ) -> tuple[Path, Vertex, Connection]:
+        """Sample an ellipsoid, and connect the point where a ray meets the ellipsoid.
+
+        The ray is the path's ray, or a sampled ray from the path's last vertex.
+
+        Returns:
+            The path up to the point, the point as a vertex, and its connection to the emitter.
+        """
+        ellipsoid = self._ellipsoid(path, sampler, active)
+        if leave is not None:
+            ellipsoid, direction, pdf = self._sample_direction(ellipsoid, sampler)
+            path = leave(direction, pdf, ellipsoid.active)
+        return self._connect_ellipsoid(path, ellipsoid, sampler)
+
+    def _ellipsoid(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> Ellipsoid:
         """Sample an emitter point, and the length of its connection to the path's last vertex."""
         # Sample a point on an emitter
         u = sampler.next_2d()
@@ -160,8 +181,8 @@ class EllipsoidalConnections:
         mixed = 2 * dr.select(other < 0.5, p, weight * p) / (p + q)
         return dr.select(near, found, opl), dr.select(near, mixed, weight)
 
-    def sample_direction(
-        self, target: Ellipsoid, sampler: mi.Sampler
+    def _sample_direction(
+        self, ellipsoid: Ellipsoid, sampler: mi.Sampler
     ) -> tuple[Ellipsoid, mi.Vector3f, mi.Float]:
         """Sample a direction in proportion to the geometric factor in the class's docstring.
 
@@ -170,8 +191,8 @@ class EllipsoidalConnections:
         """
         xi = sampler.next_1d()
         φ = 2 * dr.pi * sampler.next_1d()
-        b = target.length
-        d = target.distance
+        b = ellipsoid.length
+        d = ellipsoid.distance
 
         # Sample cos θ = A - difference, and φ
         a_minus_1 = dr.minimum(dr.square(b - d) / (2 * b * d), EVEN)
@@ -182,18 +203,18 @@ class EllipsoidalConnections:
         sin_φ, cos_φ = dr.sincos(φ)
         sin = dr.safe_sqrt(1 - cos * cos)
         local = mi.Vector3f(sin * cos_φ, sin * sin_φ, cos)
-        axis = dr.select(target.active, target.to_light / d, mi.Vector3f(0, 0, 1))
+        axis = dr.select(ellipsoid.active, ellipsoid.to_light / d, mi.Vector3f(0, 0, 1))
 
         # Compute lengths from A - cos θ, because b - D cos θ would lose all digits by cancellation
         # if the light is straight ahead
         difference = dr.select(a_minus_1 < EVEN, difference, (b * b + d * d) / (2 * b * d) - cos)
         denominator = d * difference + (b - d) * (b + d) / (2 * b)
         last_length = b * d * difference / denominator
-        target = replace(target, denominator=denominator, last_length=last_length)
-        return target, mi.Frame3f(axis).to_world(local), pdf
+        ellipsoid = replace(ellipsoid, denominator=denominator, last_length=last_length)
+        return ellipsoid, mi.Frame3f(axis).to_world(local), pdf
 
-    def connect(
-        self, path: Path, target: Ellipsoid, sampler: mi.Sampler
+    def _connect_ellipsoid(
+        self, path: Path, ellipsoid: Ellipsoid, sampler: mi.Sampler
     ) -> tuple[Path, Vertex, Connection]:
         """Connect the point y where the path's ray meets the ellipsoid to the emitter.
 
@@ -201,22 +222,22 @@ class EllipsoidalConnections:
             The path up to y, the vertex y, and the connection from y to the emitter.
         """
         # Find the point y in a medium
-        b = target.length
-        d = target.distance
-        s = (b - d) * (b + d) / (2 * target.denominator)
-        active = target.active & (s > 0) & (s < b)
+        b = ellipsoid.length
+        d = ellipsoid.distance
+        s = (b - d) * (b + d) / (2 * ellipsoid.denominator)
+        active = ellipsoid.active & (s > 0) & (s < b)
         ahead, vertex = self.media.scattering_point(path, dr.select(active, s, 0), sampler, active)
 
         # Connect y to the same emitter point
-        connection = self.emitters.sample_emitter(vertex, target.sample, vertex.valid)
+        connection = self.emitters.sample_emitter(vertex, ellipsoid.sample, vertex.valid)
         gate = self.gate(dr.fma(path.η, connection.length, ahead.opl))
         connection.active &= gate > 0
 
         # Divide by opl' |l - y|². The emitter sample contains 1 / |l - y|² with its own rounding
         # error, which cancels here
-        rounded = dr.square(connection.length) / (target.last_length * target.denominator)
+        rounded = dr.square(connection.length) / (ellipsoid.last_length * ellipsoid.denominator)
         connection.weight *= dr.select(
-            connection.active, target.weight * rounded / (path.η * gate), 0
+            connection.active, ellipsoid.weight * rounded / (path.η * gate), 0
         )
         return ahead, vertex, connection
 

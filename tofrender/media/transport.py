@@ -27,7 +27,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..paths.protocols import Scattering, Space
-from ..paths.records import Connection, MediumPoint, Path, Vertex
+from ..paths.records import Connection, MediumPoint, Path, Transmittance, Vertex
 from ..paths.surfaces import Boundaries, is_boundary, lets_straight_through, spawn_ray
 from ..scenes.media import media_of
 from ..signals.polarization import bsdf_to_world, intensity, multiply_throughput
@@ -305,14 +305,8 @@ class MediaTransport(Space):
 
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> mi.UnpolarizedSpectrum:
-        """Estimate the transmittance of a connection, 0 if a surface blocks the connection."""
-        return self.transmittance_and_medium(path, vertex, connection, sampler)[0]
-
-    def transmittance_and_medium(
-        self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> tuple[mi.UnpolarizedSpectrum, mi.MediumPtr]:
-        """Estimate the transmittance of a connection, and return the medium at its end too."""
+    ) -> Transmittance:
+        """Estimate the transmittance of a connection, and find the medium at its end."""
         # Start a flight to the end of the connection
         medium = self.medium_behind(path, vertex, connection.direction)
         o = vertex.si.p
@@ -327,9 +321,7 @@ class MediaTransport(Space):
         if self.straight and mi.is_polarized:
             flight.mueller = mi.Spectrum(1) + dr.zeros(mi.Float, dr.width(ray))
         flight = self._fly_to(flight, o, length, sampler, connection.unoccluded)
-        if flight.mueller is not None:
-            connection.frame = flight.mueller
-        return flight.weight, flight.medium
+        return Transmittance(flight.weight, flight.medium, flight.mueller)
 
     def scattering_point(
         self, path: Path, distance: mi.Float, sampler: mi.Sampler, active: mi.Bool

@@ -127,7 +127,7 @@ def doppler(
 
             # Save the finished pose, so that it is not rendered again if the next pose is stopped
             if of_pose is not None:
-                of_pose.save(spp, spp, record.state())
+                of_pose.save(spp, spp, record.accumulation.state())
             picture, phasors = (np.array(each) for each in film.develop())
         height, width = picture.shape[:2]
         pictures.append(picture[:, :, : film.base_channels_count()])

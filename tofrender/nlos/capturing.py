@@ -331,7 +331,7 @@ class ExhaustiveCapture:
         )
         if done < setup.spp:
             return None
-        warn_not_finite(record.not_finite)
+        warn_not_finite(record.accumulation.not_finite)
         steady, bins = film.take()
         return float(np.sum(steady, dtype=np.float64)), bins
 

@@ -24,20 +24,24 @@ about a path, these data are fields of the path (`history`, `guide`, `medium`).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeVar
 
 import mitsuba as mi
 
 from ..films.contribution import Contribution
-from .records import BSDFEval, BSDFSample, Connection, Hit, Limits, Path, Vertex
+from .records import BSDFEval, BSDFSample, Connection, Hit, Limits, Path, Transmittance, Vertex
 
 if TYPE_CHECKING:
     from .motion import Velocities
 
 H = TypeVar("H")
-T = TypeVar("T", bound="Target")
+
+LeaveVertex = Callable[[mi.Vector3f, mi.Float, mi.Bool], Path]
+"""Function that returns the path along a sampled ray from its last vertex. Its arguments are the
+direction in world space, the density of the direction [1/sr], and the active lanes.
+"""
 
 
 class Space(ABC):
@@ -113,8 +117,10 @@ class Space(ABC):
     @abstractmethod
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> mi.Spectrum:
-        """Estimate the transmittance of a connection, 0 if a surface blocks the connection.
+    ) -> Transmittance:
+        """Estimate the transmittance of a connection, and find the medium at its end.
+
+        MIS weights of paths from lights need the medium. The connection is not changed.
 
         Args:
             path: The path up to `vertex`, before its update.
@@ -122,16 +128,6 @@ class Space(ABC):
             connection: The connection.
             sampler: The sampler.
         """
-
-    def transmittance_and_medium(
-        self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> tuple[mi.Spectrum, mi.MediumPtr | None]:
-        """Return the transmittance, and the medium at the end of the connection.
-
-        MIS weights of paths from lights need the medium. The medium is None in scenes without
-        media.
-        """
-        return self.transmittance(path, vertex, connection, sampler), None
 
 
 class HistoryUpdates(ABC, Generic[H]):
@@ -202,39 +198,32 @@ class CausticTracer(Protocol):
         """
 
 
-class Target(Protocol):
-    """Emitter sample with a length from `path.prev` to the emitter by way of a medium point."""
-
-    # Lanes with a point that has this length
-    active: mi.Bool
-
-
-class MediumConnections(Protocol[T]):
+class MediumConnections(Protocol):
     """Connections of points in media that are sampled along rays, for a given path length.
 
-    These connections replace the connections of vertices in media, and their MIS weight is 1. Along
-    the ray to the next vertex, `prepare` samples an emitter and a path length. `connect` finds the
-    point of the ray with this length. For a new ray from a vertex, `sample_direction` samples the
-    direction in between.
+    These connections replace the connections of vertices in media, and their MIS weight is 1.
     """
 
-    def prepare(self, path: Path, sampler: mi.Sampler, active: mi.Bool) -> T:
-        """Sample an emitter, and the length from the emitter to the path's last vertex."""
-
-    def sample_direction(self, target: T, sampler: mi.Sampler) -> tuple[T, mi.Vector3f, mi.Float]:
-        """Sample a direction from the path's last vertex.
-
-        Returns the target along this direction, the direction in world space, and its density
-        [1/sr].
-        """
-
     def connect(
-        self, path: Path, target: T, sampler: mi.Sampler
+        self,
+        path: Path,
+        sampler: mi.Sampler,
+        active: mi.Bool,
+        leave: LeaveVertex | None = None,
     ) -> tuple[Path, Vertex, Connection]:
-        """Connect the point of the path's ray that has the length of the target.
+        """Sample an emitter and a path length, and connect the point with this length.
 
-        Returns a path up to this point, with updated `β` and `opl`, the point as a vertex, and the
-        connection. The weight of the connection is divided by the densities of emitter and length.
+        Args:
+            path: The path up to its last vertex, with the ray from this vertex.
+            sampler: The sampler.
+            active: Active lanes.
+            leave: None to connect a point of the path's ray. Otherwise the direction of the ray is
+                sampled, and this function returns the path along it.
+
+        Returns:
+            A path up to the point, with updated `β` and `opl`, the point as a vertex, and the
+            connection. The weight of the connection is divided by the densities of emitter and
+            length.
         """
 
 

@@ -248,6 +248,20 @@ class Hit:
 
 
 @dataclass
+class Transmittance:
+    """Fraction of light that arrives at the end of a connection."""
+
+    # Transmittance, 0 if a surface blocks the connection
+    value: mi.Spectrum
+
+    # Medium at the end of the connection, None in scenes without media
+    medium: mi.MediumPtr | None = None
+
+    # Mueller matrix at the end of the connection, None for the matrix of the connection
+    frame: mi.Spectrum | None = None
+
+
+@dataclass
 class Connection:
     """A sample of next-event estimation, before its visibility is known.
 

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .protocols import Space
-from .records import Connection, Path, Vertex
+from .records import Connection, Path, Transmittance, Vertex
 
 
 class Vacuum(Space):
@@ -40,11 +40,11 @@ class Vacuum(Space):
 
     def transmittance(
         self, path: Path, vertex: Vertex, connection: Connection, sampler: mi.Sampler
-    ) -> mi.Float:
-        """Trace a shadow ray. Returns 0 if a surface blocks the ray, otherwise 1."""
+    ) -> Transmittance:
+        """Trace a shadow ray. The value is 0 if a surface blocks the ray, otherwise 1."""
         tested = connection.active & ~connection.unoccluded
         blocked = self.scene.ray_test(vertex.si.spawn_ray_to(connection.point), tested)
-        return dr.select(tested & blocked, mi.Float(0), 1)
+        return Transmittance(dr.select(tested & blocked, mi.Float(0), 1))
 
 
 def transmittance_between(
@@ -74,4 +74,4 @@ def transmittance_between(
 
     # Connect the other point. The transmittance does not depend on the geometric length
     connection = Connection.to_point(point, ray.d, mi.Float(0), active, medium_length)
-    return space.transmittance(path, vertex, connection, sampler)
+    return space.transmittance(path, vertex, connection, sampler).value

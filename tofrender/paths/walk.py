@@ -57,7 +57,7 @@ import mitsuba as mi
 from ..films.contribution import Contribution
 from ..signals.polarization import apply_throughput, intensity, multiply_throughput, summed
 from .kinds import Kind
-from .protocols import FurtherConnections, Measurement, MediumConnections, Parts, Target
+from .protocols import FurtherConnections, LeaveVertex, Measurement, MediumConnections, Parts
 from .records import BSDFEval, Connection, Path, Vertex
 
 M = TypeVar("M", bound=Measurement)
@@ -95,7 +95,7 @@ def step(sampler: mi.Sampler, path: Path, parts: Parts, measurement: Measurement
         # A ray behind an emitter was connected when it left the last vertex
         if path.passed is not None:
             along_ray &= path.passed == 0
-        path.not_finite = path.not_finite + _connect_medium(
+        path.not_finite = path.not_finite + _connect_medium_ahead(
             path, along_ray, parts, endpoint.in_media, measurement, sampler
         )
 
@@ -303,34 +303,23 @@ def _connect_further(
     return not_finite
 
 
-def _connect_medium(
+def _connect_medium_ahead(
     path: Path,
     active: mi.Bool,
     parts: Parts,
     in_media: MediumConnections,
     measurement: Measurement,
     sampler: mi.Sampler,
-    target: Target | None = None,
 ) -> mi.UInt32:
     """Connect a point of a medium along the path's ray.
 
-    Without a `target`, emitter and path length are sampled here. Returns how many contributions
-    were not finite.
+    Returns how many contributions were not finite.
     """
     # Does a path with one more vertex count?
     if parts.limits.bounded:
         active = active & (path.depth + 1 < parts.limits.max_depth)
     active = active & parts.limits.long_enough(path.depth + 2)
-
-    # Sample emitter and path length, and find the point of the ray with this length
-    target = in_media.prepare(path, sampler, active) if target is None else target
-    path, vertex, connection = in_media.connect(path, target, sampler)
-
-    # Add the contribution. No other technique finds this light, so the MIS weight is 1
-    _attenuate(connection, path, vertex, parts, sampler)
-    bsdf_eval = parts.scattering.eval_connection(vertex, connection)
-    contribution = _contribution(connection, path, vertex, bsdf_eval, parts, mis_weight=False)
-    return accumulate(measurement, contribution)
+    return _connect_medium(path, active, parts, in_media, measurement, sampler)
 
 
 def _connect_medium_around(
@@ -346,21 +335,44 @@ def _connect_medium_around(
 
     The ray is sampled for this connection only. Returns how many contributions were not finite.
     """
-    # Sample the ray
     around = copy(path)
     around.prev = mi.Interaction3f(vertex.si)
     around.depth = path.depth + 1
     if parts.limits.bounded:
         active = active & (around.depth + 1 < parts.limits.max_depth)
-    target = in_media.prepare(around, sampler, active)
-    target, direction, pdf = in_media.sample_direction(target, sampler)
 
-    # Scatter into this ray
-    bsdf_eval = parts.scattering.eval_pdf(vertex, direction, target.active)
-    around.medium = parts.space.medium_behind(path, vertex, direction)
-    around.ray = vertex.si.spawn_ray(direction)
-    around.β = multiply_throughput(path.β, bsdf_eval.f / pdf)
-    return _connect_medium(around, target.active, parts, in_media, measurement, sampler, target)
+    def leave(direction: mi.Vector3f, pdf: mi.Float, active: mi.Bool) -> Path:
+        """Scatter into the sampled ray."""
+        bsdf_eval = parts.scattering.eval_pdf(vertex, direction, active)
+        around.medium = parts.space.medium_behind(path, vertex, direction)
+        around.ray = vertex.si.spawn_ray(direction)
+        around.β = multiply_throughput(path.β, bsdf_eval.f / pdf)
+        return around
+
+    return _connect_medium(around, active, parts, in_media, measurement, sampler, leave)
+
+
+def _connect_medium(
+    path: Path,
+    active: mi.Bool,
+    parts: Parts,
+    in_media: MediumConnections,
+    measurement: Measurement,
+    sampler: mi.Sampler,
+    leave: LeaveVertex | None = None,
+) -> mi.UInt32:
+    """Add the connection of a point of a medium, with the arguments of `MediumConnections.connect`.
+
+    Returns how many contributions were not finite.
+    """
+    # Sample emitter and path length, and find the point of the ray with this length
+    path, vertex, connection = in_media.connect(path, sampler, active, leave)
+
+    # Add the contribution. No other technique finds this light, so the MIS weight is 1
+    _attenuate(connection, path, vertex, parts, sampler)
+    bsdf_eval = parts.scattering.eval_connection(vertex, connection)
+    contribution = _contribution(connection, path, vertex, bsdf_eval, parts, mis_weight=False)
+    return accumulate(measurement, contribution)
 
 
 def _attenuate(
@@ -368,9 +380,12 @@ def _attenuate(
 ) -> None:
     """Multiply a connection by its transmittance, and deactivate lanes without transmittance.
 
-    Changes `weight` and `active` of the connection.
+    Changes `weight`, `frame` and `active` of the connection.
     """
-    connection.weight *= parts.space.transmittance(path, vertex, connection, sampler)
+    transmittance = parts.space.transmittance(path, vertex, connection, sampler)
+    connection.weight *= transmittance.value
+    if transmittance.frame is not None:
+        connection.frame = transmittance.frame
     connection.active &= ~dr.all(intensity(connection.weight) == 0)
 
 

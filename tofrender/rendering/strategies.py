@@ -191,5 +191,5 @@ def _picture(
     record = recording(own, tracer.exposure())
     for _ in steps(tracer.plan(scene, camera), record, camera, points.clone(), seed):
         pass
-    warn_not_finite(record.not_finite)
+    warn_not_finite(record.accumulation.not_finite)
     return own.take()

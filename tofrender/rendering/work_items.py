@@ -112,7 +112,8 @@ class _Samples:
         inside = replace(self._item, y=self._item.y - y, x=self._item.x - x)
         film: Any = self.record.film
         steady, transient = (inside.pixels(array) for array in film.take())
-        return WorkResult({"transient": transient, "steady": steady}, done, self.record.not_finite)
+        arrays = {"transient": transient, "steady": steady}
+        return WorkResult(arrays, done, self.record.accumulation.not_finite)
 
 
 def _render_in_batches(

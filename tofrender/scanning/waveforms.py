@@ -188,7 +188,7 @@ def lidar(*args: Any, **options: Any) -> xr.Dataset:  # noqa: D417, the record h
         # Store the results of this pose
         if done < spp:
             raise KeyboardInterrupt(interrupted(done, spp, UNIT))
-        not_finite += record.not_finite
+        not_finite += record.accumulation.not_finite
         steady[group], transient[group] = (
             each.reshape(-1, *each.shape[2:])[: len(group)].mean(axis=-1, dtype=np.float64)
             for each in record.film.take()

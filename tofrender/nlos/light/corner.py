@@ -86,7 +86,9 @@ class CornerConnections:
         medium = path.medium
         if space.scatters:
             to_target = Connection.to_point(ps.p, d, r, active)
-            transmittance, medium = space.transmittance_and_medium(path, seen, to_target, sampler)
+            passed = space.transmittance(path, seen, to_target, sampler)
+            transmittance = passed.value
+            medium = passed.medium
 
         # Is y visible? On plain surfaces, the sample determines the surface interaction
         if targets.plain:
@@ -127,7 +129,7 @@ class CornerConnections:
 
         # Evaluate the BSDF at y
         connection = self.laser.unweighted(middle, path, sampler, active)
-        connection.weight *= space.transmittance(path, middle, connection, sampler)
+        connection.weight *= space.transmittance(path, middle, connection, sampler).value
         wo = y.to_local(connection.direction)
         f_y = y.bsdf().eval(mi.BSDFContext(), y, wo, connection.active)
         f = mi.unpolarized_spectrum(bsdf_eval.f) * mi.unpolarized_spectrum(f_y)

@@ -507,8 +507,9 @@ class SpecularConnections:
             segment.unoccluded = ~is_last
             there = replace(path, medium=medium)
             at = Vertex(si, mi.Float(0), following)
-            factor, medium = space.transmittance_and_medium(there, at, segment, sampler)
-            transmittance = dr.select(following, transmittance * factor, transmittance)
+            passed = space.transmittance(there, at, segment, sampler)
+            medium = passed.medium
+            transmittance = dr.select(following, transmittance * passed.value, transmittance)
             si = dr.select(is_last, si, next_si)
             following &= ~is_last
         return transmittance
