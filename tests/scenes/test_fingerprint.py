@@ -7,13 +7,14 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 from helpers.peer_scenes import mesh
 
 import tofrender
-from tofrender.scenes.fingerprint import fingerprint
+from tofrender.scenes.fingerprint import content_digest, fingerprint
 
 CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 FACES = [[0, 1, 2], [0, 2, 3]]
@@ -157,7 +158,7 @@ FRESH = """
 import sys, mitsuba as mi
 mi.set_variant(sys.argv[1])
 import tofrender
-from tofrender.scenes.fingerprint import fingerprint
+from tofrender.scenes.fingerprint import content_digest, fingerprint
 for source in sys.argv[2:]:
     s = tofrender.load_scene(source)
     print(fingerprint(s, s.sensors()[0], s.integrator()))
@@ -176,3 +177,55 @@ def test_another_process_finds_the_same():
     assert len(told) == 1
     here = [of(tofrender.cornell_box_fog() if n == "cornell_box_fog" else Path(n)) for n in sources]
     assert told.pop().decode().split()[:2] == here
+
+
+def content(described: dict) -> str:
+    scene = mi.load_dict(described)
+    return content_digest(scene, scene.sensors()[0])
+
+
+def two_lamps(**lamp) -> dict:
+    emitter = {"type": "area", "radiance": {"type": "rgb", "value": [1, 2, 3]}}
+    lamps = [
+        {"type": "sphere", "center": [x, 0, 0], "radius": 0.1, "emitter": emitter} for x in (-1, 1)
+    ]
+    lamps[1] |= lamp
+    return tofrender.cornell_box(width=4, height=3) | {"a": lamps[0], "b": lamps[1]}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"center": [1 + 1e-6, 0, 0]}, {"flip_normals": True}, {"bsdf": {"type": "null"}}],
+    ids=lambda each: next(iter(each)),
+)
+def test_the_content_changes_with_each_property(change):
+    assert content(two_lamps()) == content(two_lamps())
+    assert content(two_lamps(**change)) != content(two_lamps())
+
+
+def test_the_content_depends_on_the_order_of_emitters():
+    described = two_lamps()
+    swapped = described | {"a": described["b"], "b": described["a"]}
+    assert content(swapped) != content(described)
+
+
+def test_the_content_does_not_depend_on_the_integrator_and_on_samples():
+    described = two_lamps()
+    other = described | {"integrator": {"type": "ao"}}
+    other["sensor"] = described["sensor"] | {"sampler": {"type": "stratified", "sample_count": 9}}
+    assert content(other) == content(described)
+    other["sensor"] = described["sensor"] | {"shutter_open": 0.5, "shutter_close": 1.0}
+    assert content(other) != content(described)
+
+
+def test_the_content_has_attached_parameters():
+    scene = mi.load_dict(two_lamps())
+    before = content_digest(scene, scene.sensors()[0])
+    parameters = mi.traverse(scene)
+    key = "white.reflectance.value"
+    dr.enable_grad(parameters[key])
+    parameters.update()
+    assert content_digest(scene, scene.sensors()[0]) == before
+    parameters[key] = parameters[key] + 1e-6
+    parameters.update()
+    assert content_digest(scene, scene.sensors()[0]) != before

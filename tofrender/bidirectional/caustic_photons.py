@@ -136,19 +136,31 @@ class CausticPhotons:
         self.delta_lobes = Materials(scene, importance=True, lobes=mi.BSDFFlags.Delta)
         self.all_lobes = Materials(scene, importance=True)
 
-    def aim(self) -> bool:
-        """Trace the pilot and aim the emission; returns False if no light arrives."""
+    def trace_pilot(self) -> np.ndarray:
+        """Return the light that arrives from each cell, found by photons that are not aimed.
+
+        The result has the same bits in each call. Therefore each photon has its own sum, instead of
+        a sum of each cell to which threads would add in any order.
+        """
+        # Start the photons
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(PILOT_SEED, PILOT)
         ray, _ = self.sensor.sample_ray(0.0, 0.5, mi.Point2f(0.5), mi.Point2f(0.5))
         ray = mi.Ray3f(ray)
         ray.o += dr.zeros(mi.Float, PILOT)
-        light = _LightByCell(self.table.size)
+
+        # Sum the light of each photon, and then of each cell
+        light = _LightByPhoton(PILOT)
         self._trace(sampler, ray, light, True)
-        arrived = np.array(light.sums)
-        if not arrived.sum() > 0:
+        dr.eval(light.cell, light.sums)
+        cells = np.array(light.cell)
+        return np.bincount(cells, weights=np.array(light.sums), minlength=self.table.size)
+
+    def aim(self, light: np.ndarray) -> bool:
+        """Aim the emission at the light of a pilot; returns False if no light arrives."""
+        if not light.sum() > 0:
             return False
-        self.table.aim(arrived)
+        self.table.aim(light)
         return True
 
     def trace(
@@ -172,7 +184,7 @@ class CausticPhotons:
         emitted = self.emission.sample_at(xi, u_position, u_direction, ray)
         emitted.weight = emitted.weight / density
         emitted.active &= ~emitted.delta
-        if isinstance(measurement, _LightByCell):
+        if isinstance(measurement, _LightByPhoton):
             measurement.cell = cell
 
         # Follow a delta lobe from the first vertex, and any lobe from later ones
@@ -217,14 +229,15 @@ class _LaterVertices(Camera):
         return super().connect(vertex, path, sampler, active & (path.depth > 0))
 
 
-class _LightByCell:
-    """A measurement of the light from each cell; no dataclass, so that loops do not carry it."""
+class _LightByPhoton:
+    """Measurement of each photon's light. It is no dataclass, so that loops do not carry it."""
 
-    def __init__(self, size: int) -> None:
-        self.sums = dr.zeros(mi.Float, size)
+    def __init__(self, photons: int) -> None:
+        self.sums = dr.zeros(mi.Float, photons)
         self.cell = mi.UInt32(0)  # the cell of each photon
 
     def add(self, contribution: Contribution) -> None:
-        """Add a contribution to its photon's cell."""
+        """Add a contribution to its photon."""
         light = dr.max(intensity(contribution.spectrum))
-        dr.scatter_reduce(dr.ReduceOp.Add, self.sums, light, self.cell, contribution.active)
+        lane = dr.arange(mi.UInt32, dr.width(self.sums))
+        dr.scatter_reduce(dr.ReduceOp.Add, self.sums, light, lane, contribution.active)

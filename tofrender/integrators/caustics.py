@@ -30,6 +30,7 @@ from ..paths.scattering import Materials
 from ..paths.space import Vacuum
 from ..paths.surfaces import has_lobes
 from ..paths.window import KINDS
+from .pilots import Pilots
 from .plan import Plan
 from .user_defined import Tracer
 
@@ -57,8 +58,9 @@ class Caustics:
     def of(cls, tracer: Tracer, sensor: mi.Sensor, tile: Tile | None = None) -> Caustics:
         """Choose the techniques for a film or a tile.
 
-        Pilots trace photons with the same random numbers for all seeds of the render. The expected
-        value of the picture does not depend on the pilots.
+        Pilots trace photons with the same random numbers for all seeds of the render, and their
+        results are kept for later renders (see `pilots`). The expected value of the picture does
+        not depend on the pilots.
 
         Args:
             tracer: Tracer of the main paths.
@@ -67,9 +69,10 @@ class Caustics:
         """
         if not isinstance(tracer, Plan) or not _has_caustics(tracer):
             return cls(tracer)
-        photons = _photons(tracer, sensor, tile)
+        pilots = Pilots(tracer.scene, sensor)
+        photons = _photons(tracer, sensor, tile, pilots)
         plan = tracer if photons is None else tracer.without(Kind.CAUSTIC)
-        return cls(_with_rays(plan, sensor), photons)
+        return cls(_with_rays(plan, sensor, pilots), photons)
 
 
 def _has_caustics(plan: Plan) -> bool:
@@ -92,7 +95,9 @@ def _has_caustics(plan: Plan) -> bool:
     return has_lobes(plan.scene, *lobes) and known and can_be_hit
 
 
-def _photons(plan: Plan, sensor: mi.Sensor, tile: Tile | None) -> CausticPhotons | None:
+def _photons(
+    plan: Plan, sensor: mi.Sensor, tile: Tile | None, pilots: Pilots
+) -> CausticPhotons | None:
     """Return photons that are aimed at mirrors and clear glass, None if they are not supported.
 
     Photons reach all pixels of a film. Tiles are not supported, because each tile would trace the
@@ -109,24 +114,30 @@ def _photons(plan: Plan, sensor: mi.Sensor, tile: Tile | None) -> CausticPhotons
         limits=plan.limits,
         hide_emitters=plan.endpoint.hide_emitters,
     )
-    return photons if photons.aim() else None
+
+    # Aim the photons. Photons are not used if no light of the pilot arrives
+    limits = plan.limits
+    light = pilots.result(
+        photons.trace_pilot,
+        "caustic photons",
+        plan.space.index,
+        limits.max_depth,
+        limits.min_depth,
+        plan.endpoint.hide_emitters,
+    )
+    return photons if photons.aim(light) else None
 
 
-def _with_rays(plan: Plan, sensor: mi.Sensor) -> Plan:
+def _with_rays(plan: Plan, sensor: mi.Sensor, pilots: Pilots) -> Plan:
     """Return the plan with caustic rays, for the kinds of caustics that photons do not find."""
     if not plan.techniques.caustic_rays:
         return plan
 
-    # Trace a pilot. Caustic rays are not used if no photon arrives through a delta lobe
+    # Caustic rays are not used if no photon of the pilot arrives through a delta lobe
     scene = plan.scene
-    pilot = trace_photons(scene, sensor, PILOT)
-    if not len(pilot.power):
+    table = pilots.result(lambda: _directions(scene, sensor), "caustic rays")
+    if table is None:
         return plan
-
-    # Learn a table of directions from the photons
-    box = scene.bbox()
-    irradiance = OTHER_LIGHT * pilot.emitted / float(box.surface_area())
-    table = DirectionTable.of_photons(box, pilot.p, pilot.n, pilot.d, pilot.power, irradiance)
 
     # Guide rays from smooth lobes to emitters
     kinds = frozenset({Kind.CAUSTIC, Kind.CAUSTIC_IN_MIRROR}) - plan.limits.left_out
@@ -142,3 +153,15 @@ def _with_rays(plan: Plan, sensor: mi.Sensor) -> Plan:
         kinds=kinds,
     )
     return guided
+
+
+def _directions(scene: mi.Scene, sensor: mi.Sensor) -> DirectionTable | None:
+    """Trace a pilot of caustic rays, and return directions of photons. None without photons."""
+    pilot = trace_photons(scene, sensor, PILOT)
+    if not len(pilot.power):
+        return None
+
+    # Learn a table of directions from the photons
+    box = scene.bbox()
+    irradiance = OTHER_LIGHT * pilot.emitted / float(box.surface_area())
+    return DirectionTable.of_photons(box, pilot.p, pilot.n, pilot.d, pilot.power, irradiance)

@@ -50,7 +50,12 @@ class DirectionTable:
     rows: np.ndarray  # 1 + row of each cell in the other tables, 0 for cells without guiding
     α: np.ndarray  # Probability of guiding, by row
     slots: np.ndarray  # Indices of bins by row, shape (rows, SLOTS)
-    pdf: np.ndarray  # Density by row and bin [1/sr], shape (rows, BINS)
+    counts: np.ndarray  # Number of entries by row and bin, shape (rows, BINS)
+
+    @property
+    def pdf(self) -> np.ndarray:
+        """Density by row and bin [1/sr]: the fraction of a bin's entries over its solid angle."""
+        return self.counts * (BINS / (4 * np.pi * SLOTS))
 
     @classmethod
     def of_photons(
@@ -126,14 +131,20 @@ class DirectionTable:
         slots = np.searchsorted((sums + row).ravel(), entries.ravel()) - (row * BINS).repeat(SLOTS)
         slots = np.clip(slots, 0, BINS - 1).reshape(-1, SLOTS)
 
-        # Density of a bin: the fraction of its entries over its solid angle
+        # Count the entries of each bin
         counts = np.bincount((slots + row * BINS).ravel(), minlength=len(cells) * BINS)
-        pdf = counts.reshape(-1, BINS) * (BINS / (4 * np.pi * SLOTS))
 
         # Rows of all cells of the grid
         rows = np.zeros(GRID**3 * FACES, np.uint32)
         rows[cells] = 1 + np.arange(len(cells))
-        return cls(low=low, size=size, rows=rows, α=α, slots=slots, pdf=pdf)
+        return cls(
+            low=low,
+            size=size,
+            rows=rows,
+            α=α,
+            slots=slots.astype(np.uint16),
+            counts=counts.reshape(-1, BINS).astype(np.uint8),
+        )
 
 
 def _cells_around(x: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

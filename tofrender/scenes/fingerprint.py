@@ -70,6 +70,34 @@ def shape_digest(shape: mi.Shape) -> str:
     return _Graph(True).digest(shape)
 
 
+def content_digest(scene: mi.Scene, sensor: mi.Sensor) -> str:
+    """Return a hash of everything that a scene and a sensor contain now, without any rounding.
+
+    Unlike `fingerprint`, the hash also depends on ids, on the size of the film, and on the order of
+    emitters, vertices and faces. Plugins in Python contribute the parameters that they report to
+    Mitsuba. The integrator, samplers and other properties of films are not included.
+    """
+    # Mitsuba merges meshes in another order each time, so that the order of shapes is arbitrary
+    graph = _Graph(True, exact=True)
+    parts = [scene.id(), graph.digest(scene)]
+
+    # Emitters are chosen by their index. Therefore their order is important
+    parts += [graph.digest(emitter.get_shape() or emitter) for emitter in scene.emitters()]
+
+    # The sensor, and the size and crop of its film
+    film = sensor.film()
+    numbers = [*film.size(), *film.crop_size(), *film.crop_offset()]
+    parts += [graph.digest(sensor), str([int(number) for number in numbers])]
+    return _hash("\n".join(parts))
+
+
+def _printed(node: mi.Object) -> str:
+    """Return the printed form of an object without addresses, "" for plugins without this form."""
+    with suppress(RuntimeError):
+        return re.sub(r" at 0x[0-9a-fA-F]+", "", str(node))
+    return ""
+
+
 def file_digest(file: Path) -> str:
     """Return a hash of a file's bytes."""
     with file.open("rb") as opened:
@@ -136,15 +164,20 @@ class _Graph:
     Args:
         printed: Whether the printed form of objects is hashed too. It shows flags that are not
             parameters.
+        exact: Whether ids, the printed form of shapes, the order of vertices and faces, and all
+            digits of transforms are hashed too.
     """
 
-    def __init__(self, printed: bool) -> None:
+    def __init__(self, printed: bool, exact: bool = False) -> None:
         self.printed = printed
+        self.exact = exact
         self._known: dict[Any, str] = {}
         self._parameters: dict[Any, dict[str, Any]] = {}
 
     def digest(self, root: Any) -> str:
         """Return the hash of an object and its children."""
+        if root in self._known:
+            return self._known[root]
         parameters: Any = readable(mi.traverse(root))
         for name, (_, _, node, _) in parameters.properties.items():
             of_node = self._parameters.setdefault(node, {})
@@ -164,17 +197,20 @@ class _Graph:
             if isinstance(node, mi.Scene):
                 digests = sorted(("", digest) for _, digest in digests)
 
-            # The printed form; Python plugins may not have one
+            # The printed form
             text = ""
-            if self.printed and not isinstance(node, mi.Scene | mi.Shape | mi.Sensor):
-                with suppress(RuntimeError):
-                    text = re.sub(r" at 0x[0-9a-fA-F]+", "", str(node))
+            unprinted = mi.Scene | mi.Sensor if self.exact else mi.Scene | mi.Shape | mi.Sensor
+            if self.printed and not isinstance(node, unprinted):
+                text = _printed(node)
+            if self.exact and isinstance(node, mi.Shape):
+                text += f"{node.id()} {node.has_flipped_normals()}"
 
             # The parameters
             parameters = self._parameters.get(node, {})
-            if "faces" in parameters:
+            if "faces" in parameters and not self.exact:
                 parameters = _without_order(parameters)
-            values = [f"{name} = {_digest(value)}" for name, value in parameters.items()]
+            digest = _exact_digest if self.exact else _digest
+            values = [f"{name} = {digest(value)}" for name, value in parameters.items()]
             kind = [type(node).__name__, node.class_name(), text]
             self._known[node] = _hash("\n".join([*kind, *values, *map(str, digests)]))
         return self._known[node]
@@ -262,6 +298,15 @@ def _digest(value: Any) -> str:
         return re.sub(r" at 0x[0-9a-fA-F]+", "", str(value))
     array = np.array(value)
     return f"{array.shape} {_hash(array)}"
+
+
+def _exact_digest(value: Any) -> str:
+    """Return a parameter as text with all digits, with a hash for arrays and transforms."""
+    array = getattr(value, "matrix", value)
+    if not dr.is_array_v(array):
+        return repr(value)
+    array = np.array(array)
+    return f"{array.shape} {array.dtype.str} {_hash(array)}"
 
 
 def _hash(content: np.ndarray | str) -> str:
