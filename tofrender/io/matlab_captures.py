@@ -82,7 +82,9 @@ def save_matlab_capture(
     if mode != "confocal":
         raise ValueError(f"capture: {mode} captures are not supported; use a confocal capture")
     if ON_WALL in capture:
-        raise ValueError("capture: pixels that look past the wall are not supported; crop the capture")
+        raise ValueError(
+            "capture: pixels beyond the wall are not supported; crop the capture"
+        )
     measured = Measured.of(without_first_and_last_legs(capture))
     side = _side(measured)
     start = measured.start / measured.width
