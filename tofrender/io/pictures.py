@@ -246,7 +246,7 @@ def encode_video(
 
 
 _MP4 = (
-    "-c:v libx264 -preset veryfast -crf 18 -pix_fmt yuv420p "
+    "-c:v libx264 -preset superfast -crf 18 -pix_fmt yuv420p "
     "-vf scale=out_color_matrix=bt709:out_range=tv -movflags +faststart "
     "-colorspace bt709 -color_primaries bt709 -color_trc iec61966-2-1 -f mp4"
 )
