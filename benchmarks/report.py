@@ -208,7 +208,8 @@ def gpu_section(file: Path | None = None) -> str:
     cards = ", ".join(machine["cards"]) or machine["variant"]
     made = f"""`make test-gpu` measured these times on {cards}, driver {machine["driver"]}, with
         `{machine["variant"]}`; {versions}. The table shows wall-clock time divided by the
-        time of Mitsuba's `path`, after the first render. All results are in `benchmarks/gpu.json`."""
+        time of Mitsuba's `path`, after the first render. `benchmarks/gpu.json` contains all
+        results."""
 
     # The ratios of each program and each number of samples
     scenes = dict(found["parts"]["times"]["results"])

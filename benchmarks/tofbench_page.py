@@ -35,8 +35,8 @@ REPRODUCTIONS = {
         With a `homogeneous` medium (`fog-isotropic`), the bins are right.""",
     "mitransient, nlos-occluded": """`transient_nlos_path` with `nlos_hidden_geometry_sampling`:
         a plate adds light although another plate hides it from laser spot and sensor.""",
-    "mitransient, nlos-two-sided": """the same integrator with a single `twosided` plate. The plate's
-        normal points away from the wall, and the result contains no light.""",
+    "mitransient, nlos-two-sided": """the same integrator with a single `twosided` plate. The
+        normal of the plate points away from the wall, and the result contains no light.""",
 }
 """Description of each failure, in the terms of the other renderer."""
 
@@ -47,7 +47,8 @@ def page(results: dict) -> str:
         {results["runs"]} runs of each case."""
     intro = """`benchmarks/tofbench/` tests transient renderers against closed forms: when does
         light arrive, and how much? It does not import tofrender, so that you can copy and use it
-        separately. Its README describes scenes, cases and adapters. Its data are in the public domain (CC0)."""
+        separately. Its README describes scenes, cases and adapters. Its data are in the public
+        domain (CC0)."""
     rows = """A renderer **passes** a case if no reading (sums of bins) deviates from its exact
         value by more than chance allows. A correct renderer fails one or more cases of its column
         with a probability of at most 0.1 %. Each cell shows the largest deviation in standard
