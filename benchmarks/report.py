@@ -75,8 +75,8 @@ def readme_block(results: Results) -> str:
         samples per pixel on {machine["threads"]} threads, alternating between tofrender and
         mitransient {machine["versions"][PEER]} (with its defaults) in one process. The last
         measurement was made at commit {results["commit"]} on {machine["processor"]}. The table
-        shows variance times CPU time of mitransient divided by that of tofrender; above 1,
-        tofrender is more efficient:"""
+        shows variance times CPU time of mitransient, divided by the same product of tofrender.
+        Above 1, tofrender is more efficient:"""
     rows = [
         ["variance of", "mitransient / tofrender"],
         ["all bins of all pixels", over_ours(box, PEER, "cube")],
@@ -84,11 +84,11 @@ def readme_block(results: Results) -> str:
         ["the same, each bin relative to its squared mean", over_ours(box, PEER, MEASURES[2])],
     ]
     after = f"""In the first row, nearly all of mitransient's variance is in the few pixels that
-        see the lamp. The second ratio is {mirror} in a scene with a mirror, and {glass} with a
-        glass sphere. At 256 x 256 pixels, a sample takes {digits(large["ours"])} times as long as
-        one of Mitsuba's steady `path`; with `light_samples = 1`
-        {digits(large["one light point"])} times; mitransient's {digits(large[PEER])} times.
-        [Performance](docs/performance.md) has all measurements."""
+        show the lamp. The second ratio is {mirror} in a scene with a mirror, and {glass} with a
+        glass sphere. At 256 x 256 pixels, a sample of tofrender needs {digits(large["ours"])} times
+        as long as a sample of Mitsuba's steady `path`. With `light_samples = 1`, this factor is
+        {digits(large["one light point"])}; for mitransient, it is {digits(large[PEER])}.
+        [Performance](docs/performance.md) contains all measurements."""
     return f"{paragraph(before)}\n\n{rows_of(rows)}\n\n{paragraph(after)}"
 
 
@@ -100,10 +100,10 @@ def page(results: Results) -> str:
         {results["commit"]}:
         {machine["processor"]}, {machine["threads"]} threads, `{machine["variant"]}`; {versions}.
         All numbers are in `benchmarks/results.json`."""
-    errors = """Variance times CPU time says how long a renderer takes to reach a given error. The
-        tables show mitransient's `transient_path`, with its defaults, divided by
-        `tofrender.render`: above 1, mitransient takes longer. Settings: 64 x 64 pixels, 300 bins
-        of 2 cm, 256 samples per pixel, `max_depth` 6. No film is filtered."""
+    errors = """Variance times CPU time measures how long a renderer needs to reach a given error.
+        The tables show this product for mitransient's `transient_path`, with its defaults, divided
+        by the product for `tofrender.render`. Above 1, mitransient needs longer. Settings: 64 x 64
+        pixels, 300 bins of 2 cm, 256 samples per pixel, `max_depth` 6. No film is filtered."""
     measures = "\n".join(
         textwrap.fill(f"- **{name}**: {' '.join(what.split())}", WIDTH, subsequent_indent="  ")
         for name, what in (
@@ -111,7 +111,7 @@ def page(results: Results) -> str:
             (
                 "without lamps",
                 """the same, without pixels that see a lamp and their neighbors. These few pixels
-                dominate the cube's variance, since their light falls into few bins.""",
+                dominate the cube's variance, because their light arrives in few bins.""",
             ),
             (
                 "relative per bin",
@@ -122,15 +122,17 @@ def page(results: Results) -> str:
         )
     )
     parts = """Three techniques explain the gain. Directly visible lamps are sampled separately, by
-        many short rays. Beside mirrors and clear glass, photons and rays find caustics
-        ([kinds of paths](how_it_works.md#kinds-of-paths)). Each vertex takes several emitter
-        samples (`light_samples`). The next tables show the last two alone: caustics left to the
-        paths, and `light_samples = 1`, divided by the default:"""
-    filtered = f"""Mean squared error of the plain render over that of `denoise=True`, both with
-        {denoising.SPP} samples per pixel, and at equal time: the plain render then takes as many
-        more samples as fit into the CPU time of halves, features and filter. Errors are differences
-        from a render of {denoising.MANY * denoising.PARTS} samples, whose own noise lowers the
-        figures. [Denoising](denoising.md) has more scenes."""
+        many short rays. In scenes with mirrors or clear glass, photons and additional rays find
+        caustics ([kinds of paths](how_it_works.md#kinds-of-paths)). Each vertex uses several
+        emitter samples (`light_samples`). The next two tables show the gain of the last two
+        techniques: variance times CPU time without the techniques for caustics, and with
+        `light_samples = 1`, each divided by the default:"""
+    filtered = f"""The table shows the mean squared error of the plain render divided by the error
+        with `denoise=True`. The first two columns use {denoising.SPP} samples per pixel for both
+        renders. In the columns at equal time, the plain render uses additional samples, until it
+        needs as much CPU time as the denoised render. Errors are differences from a render with
+        {denoising.MANY * denoising.PARTS} samples per pixel. The noise of this reference lowers
+        the figures. [Denoising](denoising.md) contains more scenes."""
     gains = "all", "without lamps", "all at equal time", "at equal time"
     filtered_heads = "cube", "without lamps", "cube, equal time", "without lamps, equal time"
     filtered_rows = [["scene", *filtered_heads]] + [
@@ -147,12 +149,13 @@ def page(results: Results) -> str:
         [name, over_ours(row, PEER, "cube"), over_ours(row, PEER, MEASURES[2])]
         for name, row in results["captures"].items()
     ]
-    captures = """Variance times CPU time of mitransient divided by ours, for a hidden letter: 64 x
-        64 points of a relay wall, 300 bins of 6 mm, 256 samples, all bounces."""
+    captures = """The table shows variance times CPU time of mitransient divided by the same product
+        of tofrender, for a hidden letter. Settings: 64 x 64 points of a relay wall, 300 bins of
+        6 mm, 256 samples, all bounces."""
     lower = results["times"]["no lamp in view"]
-    seconds = f"""The figure shows CPU time divided by that of Mitsuba's steady `path`, at equal
-        samples per pixel. At 256 x 256 pixels of the box's lower half, where no lamp is in view,
-        `light_samples = 1` takes {lower["one light point"]:.2f} times as long as `path`."""
+    seconds = f"""The figure shows CPU time divided by the CPU time of Mitsuba's steady `path`, at
+        equal samples per pixel. For 256 x 256 pixels of the box's lower half, without a lamp in
+        view, `light_samples = 1` needs {lower["one light point"]:.2f} times as long as `path`."""
     return "\n\n".join(
         [
             "# Performance",
@@ -169,8 +172,9 @@ def page(results: Results) -> str:
             rows_of(filtered_rows),
             "## mitransient's samplers",
             paragraph(
-                """Mitransient with each of Mitsuba's samplers on the Cornell box: the deviation of
-                the energy in all bins from ours, and variance times CPU time divided by ours."""
+                """The table shows mitransient with each of Mitsuba's samplers on the Cornell box:
+                how much the energy in all bins differs from tofrender's energy, and variance times
+                CPU time divided by the same product of tofrender."""
             ),
             rows_of(sampler_rows),
             "## Around the corner (NLOS)",
@@ -203,8 +207,9 @@ def gpu_section(file: Path | None = None) -> str:
     versions = ", ".join(f"{name} {number}" for name, number in machine["versions"].items())
     cards = ", ".join(machine["cards"]) or machine["variant"]
     made = f"""`make test-gpu` measured these times on {cards}, driver {machine["driver"]}, with
-        `{machine["variant"]}`; {versions}. The table shows wall-clock time divided by that of
-        Mitsuba's `path`, after the first render. All results are in `benchmarks/gpu.json`."""
+        `{machine["variant"]}`; {versions}. The table shows wall-clock time divided by the
+        time of Mitsuba's `path`, after the first render. `benchmarks/gpu.json` contains all
+        results."""
 
     # The ratios of each program and each number of samples
     scenes = dict(found["parts"]["times"]["results"])
@@ -224,7 +229,7 @@ NOT_MEASURED = """The present version was not measured on a GPU. `make test-gpu`
     minutes: it times renders, compares their light with LLVM, and tests limits of memory.
 
     An earlier version was measured by hand on an NVIDIA H100. The Cornell box (256 x 256 pixels,
-    300 bins) with `light_samples = 1` took 53 ms with 64 samples per pixel, 2.4 times as long as
+    300 bins) with `light_samples = 1` needed 53 ms with 64 samples per pixel, 2.4 times as long as
     Mitsuba's `path`. With 1024 samples, the ratio was 1.5. With default settings, the ratio was 5
     in both cases."""
 

@@ -30,13 +30,13 @@ REPRODUCTIONS = {
         `max_depth` 2: its own steady image is 0.80, its bins from 0 to 1000 m (or to 10^8 m) sum to
         0.14.""",
     "mitransient, fog-null": """single scattering by `transient_prbvolpath` in a `heterogeneous`
-        medium whose largest density is 2.5 times that where the light is. The steady image is
+        medium. Its largest density is 2.5 times the density at the light. The steady image is
         right (0.0386); 36 % of the light arrives before 2.62 m, the distance from lamp to camera.
         With a `homogeneous` medium (`fog-isotropic`), the bins are right.""",
     "mitransient, nlos-occluded": """`transient_nlos_path` with `nlos_hidden_geometry_sampling`:
-        a plate that another hides from laser spot and sensor adds light.""",
-    "mitransient, nlos-two-sided": """the same with a single `twosided` plate whose normal is away
-        from the wall: no light.""",
+        a plate adds light although another plate hides it from laser spot and sensor.""",
+    "mitransient, nlos-two-sided": """the same integrator with a single `twosided` plate. The
+        normal of the plate points away from the wall, and the result contains no light.""",
 }
 """Description of each failure, in the terms of the other renderer."""
 
@@ -46,18 +46,20 @@ def page(results: dict) -> str:
     made = f"""`python -m benchmarks.tofbench_page` made this table on {results["date"]}, with
         {results["runs"]} runs of each case."""
     intro = """`benchmarks/tofbench/` tests transient renderers against closed forms: when does
-        light arrive, and how much? It does not import tofrender and can be copied out; its README
-        describes scenes, cases and adapters. Its data are in the public domain (CC0)."""
+        light arrive, and how much? It does not import tofrender, so that you can copy and use it
+        separately. Its README describes scenes, cases and adapters. Its data are in the public
+        domain (CC0)."""
     rows = """A renderer **passes** a case if no reading (sums of bins) deviates from its exact
-        value by more than chance allows: a right renderer fails anywhere in its column with a
-        probability of at most 0.1 %. Cells have the largest deviation in standard errors (σ) and,
-        for passed cases, the processor time to a relative error of 1 %. A dash is what an adapter
-        does not support; it says nothing against a renderer. **Steady**: the renderer has no time,
-        and its image is compared with the sum over time. **Delays**: only arrival times are
-        compared. Times are from one machine with two cores, shared with other work."""
-    rows_of_references = """Cases named `reference` have no closed form. They compare with bins
-        rendered by tofrender, with error bars, so what they tell is in the columns of the other
-        renderers."""
+        value by more than chance allows. A correct renderer fails one or more cases of its column
+        with a probability of at most 0.1 %. Each cell shows the largest deviation in standard
+        errors (σ). For passed cases, it also shows the processor time that the renderer needs for a
+        relative error of 1 %. A dash means that the adapter does not support the case. It is not a
+        fault of the renderer. **Steady**: the renderer does not resolve time, and its image is
+        compared with the sum over time. **Delays**: only arrival times are compared. Times were
+        measured on one machine with two cores, shared with other work."""
+    rows_of_references = """A closed form does not exist for the cases named `reference`. These
+        cases compare with bins rendered by tofrender, with error bars. They are meaningful only for
+        the other renderers."""
 
     # List the failures
     wrong = []

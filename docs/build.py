@@ -1,10 +1,10 @@
 """Build the documentation: `make docs`, or `python docs/build.py`; `--help` lists the options.
 
-Notebooks and examples run side by side, if a change concerns them, see `docs/_ext/running.py`.
-Pages come from docs/, notebooks/, scenes/README.md, assignments/README.md, CHANGELOG.md and
-CONTRIBUTING.md. All that is made is in build/docs: `source` is what Sphinx reads, `html` the site.
-No step needs a network, nor does the site. A warning, a dead link and an address that a page would
-load from elsewhere fail.
+Notebooks and examples run in parallel, but only if a change affects them: see
+`docs/_ext/running.py`. Pages come from docs/, notebooks/, scenes/README.md, assignments/README.md,
+CHANGELOG.md and CONTRIBUTING.md. The build writes to build/docs: Sphinx reads the folder `source`
+and writes the site to `html`. Neither the build nor the site needs a network. The build fails if
+Sphinx warns, if a link is dead, or if a page would load a file from another site.
 """
 
 from __future__ import annotations
@@ -19,17 +19,19 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "docs"
-SOURCE, EXAMPLES, HTML = BUILD / "source", BUILD / "examples", BUILD / "html"
+SOURCE = BUILD / "source"
+EXAMPLES = BUILD / "examples"
+HTML = BUILD / "html"
 EXTENSIONS = ROOT / "docs/_ext"
-MOST_BYTES = 3e6  # Of a page with all that it loads at once, which a phone is to get in seconds
-MOST_BYTES_OF_FRAME = 2e6  # Of a page within a page, which loads when a reader scrolls to it
+MOST_BYTES = 3e6  # Limit of a page with all files that it loads at once, for phones
+MOST_BYTES_OF_FRAME = 2e6  # Limit of a page in an iframe, which loads when it becomes visible
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^()\s:]+)\)")
 TEXT = (".md", ".ipynb")
 FILM = "the film of the start page"
 
 
 def places() -> dict[str, Path]:
-    """Where each file of the repository that belongs to the site goes, by its path in it."""
+    """Map the path of each file that belongs to the site to its place in the build."""
     found: dict[str, Path] = {}
     for path in sorted((ROOT / "docs").rglob("*")):
         inside = path.relative_to(ROOT / "docs")
@@ -50,17 +52,19 @@ def places() -> dict[str, Path]:
 
 
 def relinked(text: str, path: str, known: dict[str, Path]) -> str:
-    """Markdown whose links lead to pages of the site; of links to other files the words stay.
+    """Change links to files of the repository into links to pages of the site.
+
+    If a file is not part of the site, only the words of the link remain.
 
     Args:
-        text: Of the file, JSON of a notebook included.
-        path: Where it is in the repository.
-        known: What `places` says.
+        text: Text of the file: Markdown, or the JSON of a notebook.
+        path: Path of the file in the repository.
+        known: Result of `places`.
     """
 
     def replace(found: re.Match[str]) -> str:
-        words, target = found[2], found[3]
-        target, _, anchor = target.partition("#")
+        words = found[2]
+        target, _, anchor = found[3].partition("#")
         if not target:
             return found[0]
         aim = os.path.normpath(os.path.join(os.path.dirname(path), target))
@@ -73,7 +77,7 @@ def relinked(text: str, path: str, known: dict[str, Path]) -> str:
 
 
 def assemble() -> None:
-    """Bring `source` and `examples` up to date; files that are as they were keep their times."""
+    """Update the folders `source` and `examples`. Unchanged files keep their times."""
     known = places()
     for name, target in known.items():
         if target.suffix == ".rst" and not (ROOT / name).is_file():
@@ -131,11 +135,11 @@ import running
 explorers.use_pages(Path("MADE"))
 get_ipython().events.register("post_run_cell", lambda _: running.record(os.environ[running.PAGE]))
 """
-"""What notebooks run first: a widget needs a kernel, so a page shows the explorer as a page."""
+"""Code that runs at the start of notebooks. It shows the explorer without a kernel."""
 
 
 def quiet_kernels(folder: Path) -> None:
-    """Run notebooks with no settings of the user's, and without what kernels say of themselves."""
+    """Run notebooks without the user's settings and without log messages of kernels."""
     profile = folder / "profile_default"
     profile.joinpath("startup").mkdir(parents=True, exist_ok=True)
     profile.joinpath("ipython_kernel_config.py").write_text(
@@ -145,12 +149,12 @@ def quiet_kernels(folder: Path) -> None:
         STARTUP.replace("MADE", str(SOURCE / "_static/made")).replace("EXTENSIONS", str(EXTENSIONS))
     )
     os.environ |= {"IPYTHONDIR": str(folder), "JUPYTER_RUNTIME_DIR": str(folder)}
-    os.environ["TQDM_DISABLE"] = "1"  # A page needs no bars
+    os.environ["TQDM_DISABLE"] = "1"  # Pages do not show progress bars
     os.environ["PYTHONPATH"] = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
 
 
 def shrink_pictures() -> None:
-    """Turn pictures of the site into ones of 256 colors, a third of the size."""
+    """Reduce the pictures of the site to 256 colors, which need a third of the size."""
     from PIL import Image
 
     for path in (HTML / "_images").glob("*.png"):

@@ -40,7 +40,7 @@ myst_enable_extensions = ["dollarmath", "colon_fence", "attrs_block", "attrs_inl
 myst_heading_anchors = 4
 suppress_warnings = [
     "config.cache",  # The gallery's scraper is a function
-    "misc.highlighting_failure",  # Cells with shell commands are no Python
+    "misc.highlighting_failure",  # Cells with shell commands are not Python
 ]
 
 run_only = os.environ.get("DOCS_ONLY")  # Names of notebooks and examples; unset: all

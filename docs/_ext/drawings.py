@@ -1,7 +1,8 @@
-"""Pictures that are more: drawings in the colors of their page, films, pages within pages.
+"""Replace pictures by inline drawings, films or interactive pages.
 
-A drawing (.svg) becomes part of the page, so that its lines have the color of the text. A picture
-becomes a film, or a page to touch, if there is one of its name in `_static/made`.
+A drawing (.svg) becomes part of the page, so that its lines have the color of the text. If the
+folder `_static/made` contains a film or an HTML page with the name of a picture, the film or the
+page replaces the picture.
 """
 
 from __future__ import annotations
@@ -20,14 +21,17 @@ PLAYS = "matchMedia('(prefers-reduced-motion: reduce)').matches || this.play()"
 
 
 def inlined(svg: str, words: str) -> str:
-    """An SVG file's text without its own colors, which are for pages that show it as a file."""
+    """Return the text of an SVG file without its own colors."""
     svg = re.sub(r"<\?xml.*?\?>|<style>.*?</style>", "", svg, flags=re.DOTALL)
     role = f'role="img" aria-label="{escape(words)}"' if words else 'aria-hidden="true"'
     return svg.replace("<svg ", f'<svg class="drawing" {role} ', 1)
 
 
 def film(folder: str, name: str, words: str) -> str:
-    """A film that plays by itself, silently, unless motion is unwanted, with its words below."""
+    """Return the HTML of a silent film with a caption.
+
+    The film starts automatically, unless the reader has asked for reduced motion.
+    """
     return (
         f'<figure class="film"><video src="{folder}/{name}.mp4" poster="{folder}/{name}.png" '
         f'loop muted playsinline controls onloadeddata="{PLAYS}"></video>'
@@ -36,8 +40,12 @@ def film(folder: str, name: str, words: str) -> str:
 
 
 def page_within(root: str, picture: Path, words: str) -> str:
-    """A page to touch; the picture is there until it has come, and where scripts do not run."""
-    source, title = f"{root}_static/made/{picture.stem}", escape(words)
+    """Return the HTML of an interactive page.
+
+    The picture is visible until the page has loaded, and if scripts are disabled.
+    """
+    source = f"{root}_static/made/{picture.stem}"
+    title = escape(words)
     return (
         f'<iframe class="touch" src="{source}.html" title="{title}" loading="lazy" '
         f'style="background-image: url({source}.png)"></iframe><noscript>'
@@ -47,15 +55,19 @@ def page_within(root: str, picture: Path, words: str) -> str:
 
 
 def add_dark_thumbnail(app: Sphinx, image: nodes.image, path: Path) -> None:
-    """Put beside a thumbnail of the gallery the one for dark pages, if there is such a figure."""
-    image["alt"] = ""  # The link below it has the words
+    """Add a thumbnail for dark pages to a thumbnail of the gallery, if a dark figure exists."""
+    image["alt"] = ""  # The link below the thumbnail contains the text
     figure = path.parents[1] / path.name.replace("_thumb", "_001_dark")
     if not figure.exists():
         return
+
+    # Shrink the dark figure to the size of the thumbnail
     dark = path.with_stem(f"{path.stem}_dark")
     with Image.open(figure) as picture, Image.open(path) as light:
         picture.thumbnail(light.size)
         picture.save(dark)
+
+    # Show each thumbnail on pages of its theme only
     other = image.deepcopy()
     other["uri"] = str(Path(image["uri"]).with_name(dark.name))
     other["candidates"] = {"*": other["uri"]}
@@ -66,10 +78,11 @@ def add_dark_thumbnail(app: Sphinx, image: nodes.image, path: Path) -> None:
 
 
 def draw(app: Sphinx, doctree: nodes.document) -> None:
-    """Put drawings and films in the places of the pictures that name them."""
+    """Replace the pictures of a page by drawings, films and interactive pages."""
     made = Path(app.srcdir, "_static/made")
     for image in list(doctree.findall(nodes.image)):
-        path, words = Path(app.srcdir, image["uri"]), image.get("alt", "")
+        path = Path(app.srcdir, image["uri"])
+        words = image.get("alt", "")
         if path.suffix == ".svg" and path.is_file():
             html = inlined(path.read_text(encoding="utf-8"), words)
         elif (made / f"{path.stem}.mp4").exists() and path.parent.name != "pictures":
@@ -88,6 +101,6 @@ def draw(app: Sphinx, doctree: nodes.document) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Draw when a page is read."""
+    """Replace pictures when Sphinx reads a page."""
     app.connect("doctree-read", draw)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,4 +1,4 @@
-"""`tofrender.explore` where no kernel listens: the explorer as a page within the page."""
+"""Show the explorer on pages without a Python kernel, as an HTML page in an `iframe`."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ import os
 from pathlib import Path
 from typing import Any
 
-MEGABYTES = 0.6  # Of an explorer: a page may show several
+MEGABYTES = 0.6  # Largest size of an explorer, because a page may show several explorers
 SHOWN: list[Any] = []  # Datasets that an example of the gallery has explored
 
 
 class Explorer:
-    """What a notebook or an example shows of it."""
+    """The explorer as the output of a notebook or an example."""
 
     def __init__(self, address: str, title: str) -> None:
-        self.address, self.title = address, title
+        self.address = address
+        self.title = title
 
     def _repr_html_(self) -> str:
         return (
@@ -26,7 +27,7 @@ class Explorer:
 
 
 def use_pages(folder: Path) -> None:
-    """Let `tofrender.explore` write pages into a folder, `_static/made` of the site."""
+    """Replace `tofrender.explore` by a function that writes HTML pages into a folder."""
     import tofrender
 
     def explore(data: Any, *, megabytes: float = MEGABYTES, **options: Any) -> Explorer:

@@ -1,4 +1,4 @@
-"""What the gallery's examples show: figures for light and dark pages, and explorers."""
+"""Save the figures of the gallery for light and dark pages, and show explorers."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import running
 
 
 def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
-    """Save each new figure of an example twice: with dark ink and with light."""
+    """Save each new figure of an example twice: for light pages and for dark pages."""
     from matplotlib import pyplot
     from matplotlib.figure import Figure
 
-    text, paths = "", block_vars["image_path_iterator"]
+    text = ""
+    paths = block_vars["image_path_iterator"]
     words = Path(block_vars["src_file"]).read_text("utf-8").splitlines()[1]  # The title
     figures = [pyplot.figure(number) for number in pyplot.get_fignums()]
     figures += [f for f in block_vars["example_globals"].values() if isinstance(f, Figure)]
@@ -37,7 +38,7 @@ def scrape(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any])
 
 
 def ink(figure: Any, theme: str) -> None:
-    """Remove a figure's white ground; turn what is black and gray on it light for a dark page."""
+    """Remove a figure's white background. For dark pages, turn black and gray elements light."""
     from matplotlib.collections import Collection
     from matplotlib.colors import to_rgba, to_rgba_array
     from matplotlib.lines import Line2D
@@ -46,7 +47,8 @@ def ink(figure: Any, theme: str) -> None:
 
     from tofrender.runtime.canvas import PALETTES
 
-    light, dark = PALETTES["light"], PALETTES["dark"]
+    light = PALETTES["light"]
+    dark = PALETTES["dark"]
     pairs = {to_rgba(light.good): dark.good, to_rgba(light.bad): dark.bad}
 
     def turned(color: Any) -> Any:
@@ -76,7 +78,10 @@ def ink(figure: Any, theme: str) -> None:
 
 
 def prepare(gallery_conf: dict[str, Any], name: str | None, when: str) -> None:
-    """Let an example that warns fail, and let it show explorers; note afterwards what it needed."""
+    """Prepare an example before it runs, and record its imports after it has run.
+
+    Warnings become errors, and `tofrender.explore` writes HTML pages.
+    """
     if when == "after":
         running.record(str(name))
         return
@@ -85,7 +90,7 @@ def prepare(gallery_conf: dict[str, Any], name: str | None, when: str) -> None:
 
 
 def _brightest(dataset: Any, path: str) -> None:
-    """Save the brightest frame of a film: what the gallery's first page shows of it."""
+    """Save the brightest frame of a film as the thumbnail for the gallery's first page."""
     from PIL import Image
 
     from tofrender.vis import auto_exposure, tonemap

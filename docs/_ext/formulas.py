@@ -1,4 +1,4 @@
-"""Formulas as MathML, which browsers draw themselves: no script, no font, no network."""
+"""Write formulas as MathML. Browsers draw MathML without scripts, fonts or a network."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def _mathml(formula: str, node: nodes.Element, block: bool) -> str:
 
 
 def inline(translator: Any, node: nodes.Element) -> None:
-    """Write a formula in a line of text."""
+    """Write an inline formula."""
     translator.body.append(_mathml(node.astext(), node, False))
     raise nodes.SkipNode
 
 
 def block(translator: Any, node: nodes.Element) -> None:
-    """Write a formula of its own line."""
+    """Write a formula on a separate line."""
     translator.body.append(f'<div class="formula">{_mathml(node.astext(), node, True)}</div>')
     raise nodes.SkipNode
 

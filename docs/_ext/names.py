@@ -1,15 +1,15 @@
-"""The API's pages, and docstrings as they are written here.
+"""Make the pages of the API from lists of names, and convert docstrings for Sphinx.
 
-A block of a page
+This block of a page
 
     ```{names} tofrender
     render
     merge
     ```
 
-becomes a table of these names and what their docstrings say; one of `{commands}` the same of the
-command's help. Docstrings have Markdown's tables,
-indented code and single backquotes, and Google's sections.
+becomes a table of these names with their docstrings. A block of `{commands}` becomes the help of
+these commands. Docstrings contain Markdown's tables, indented code and single backquotes, and
+Google's sections.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SIGNATURE = re.compile(r'<dt class="sig .*?</dt>', re.DOTALL)
 
 
 def _entry(home: Any, name: str) -> tuple[str, str]:
-    """A name's kind, and the name by which autodoc finds its documentation."""
+    """Return the kind of a name, and the name that autodoc needs to find its documentation."""
     value = getattr(home, name)
     if inspect.ismodule(value):
         return "module", value.__name__
@@ -74,20 +74,20 @@ def _commands(found: re.Match[str]) -> str:
         for parameter in command.params:
             record = parameter.get_help_record(context)
             if record and "--help" not in record[0]:
-                words, told = (" ".join(text.split()).replace("|", "\\|") for text in record)
-                lines.append(f"| `{words}` | {_plain(told)} |")
+                option, text = (" ".join(cell.split()).replace("|", "\\|") for cell in record)
+                lines.append(f"| `{option}` | {_plain(text)} |")
         lines.append("")
     return "\n".join(lines)
 
 
 def _plain(text: str) -> str:
-    """Text that Markdown shows as it is."""
+    """Escape a text so that Markdown does not interpret it."""
     text = re.sub(r"([\[\]<>*_])", r"\\\1", text)
     return re.sub(r"(?<![\w`-])--[a-z][a-z-]*", r"`\g<0>`", text)
 
 
 def expand(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Write out the blocks of names of a page."""
+    """Expand the blocks of names and commands on a page."""
     source[0] = COMMANDS.sub(_commands, NAMES.sub(_expand, source[0]))
 
 
@@ -105,7 +105,7 @@ def _table(rows: list[str]) -> list[str]:
 
 
 def markdown(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Turn what docstrings have of Markdown into reStructuredText, in place."""
+    """Convert the Markdown in a docstring to reStructuredText, in place."""
     out: list[str] = []
     rows: list[str] = []
     code = False
@@ -134,7 +134,9 @@ def _without_annotations(text: str) -> str:
         return text
 
     # Find the comma after X, and the bracket that ends the annotation
-    depth, comma, end = 1, None, found.end()
+    depth = 1
+    comma = None
+    end = found.end()
     while depth:
         letter = text[end]
         depth += (letter in "[({") - (letter in "])}")
@@ -166,7 +168,7 @@ def without_lists(app: Sphinx, page: str, template: str, context: dict, doctree:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Connect them to what Sphinx reads and writes."""
+    """Connect the functions of this module to the events of Sphinx."""
     app.connect("source-read", expand)
     app.connect("html-page-context", without_lists)
     app.connect("autodoc-process-signature", signature)

@@ -1,4 +1,4 @@
-"""Keep the table of packages of `docs/how_it_works.md` as the import contract in `pyproject.toml`.
+"""Order the table of packages in `docs/how_it_works.md` by the contract in `pyproject.toml`.
 
 `python docs/_ext/packages.py` puts the rows into the order of the contract's layers. Descriptions
 are written by hand in the page; a layer without a description stops the script.
@@ -26,11 +26,11 @@ def with_table(page: str) -> str:
     """Return the text of the page with the rows of the contract, and their descriptions.
 
     Raises:
-        ValueError: If a layer has no row, or a row is not a layer.
+        ValueError: If a row is missing for a layer, or a row is not a layer of the contract.
     """
     found = TABLE.search(page)
     if found is None:
-        raise ValueError("how_it_works.md has no table of packages")
+        raise ValueError("docs/how_it_works.md: the table of packages is missing")
     descriptions = {}
     for row in found[2].splitlines():
         names, contents = row.strip("| ").split(" | ", 1)
@@ -38,7 +38,7 @@ def with_table(page: str) -> str:
     wanted = layers()
     if set(wanted) != set(descriptions):
         differing = set(wanted) ^ set(descriptions)
-        raise ValueError(f"these rows or layers have no counterpart: {sorted(differing)}")
+        raise ValueError(f"rows without a layer, or layers without a row: {sorted(differing)}")
 
     rows = ""
     for packages in wanted:

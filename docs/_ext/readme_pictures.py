@@ -1,6 +1,6 @@
 """Make the pictures of the README: `python docs/_ext/readme_pictures.py [NAME ...]`.
 
-The film takes a few minutes on two cores, the other picture takes seconds. The seeds are fixed, so
+The film needs a few minutes on two cores, the other picture needs seconds. The seeds are fixed, so
 the same versions of all packages make the same files, up to floating-point rounding.
 """
 

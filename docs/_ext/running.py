@@ -67,7 +67,7 @@ def record(name: str) -> None:
 
 
 def keep(name: str) -> None:
-    """Note the files with which a page has just run, if it has."""
+    """Store the files and digests that the last run of a page used, if the page has just run."""
     recorded = RUNS / f"{name}.txt"
     if not recorded.exists():
         return

@@ -2,8 +2,8 @@
 A time gate
 ===========
 
-Three images of a camera whose time gate is open for a tenth of a nanosecond. The integrator
-samples only light of the gate's path lengths, which needs fewer samples than recording all bins.
+Three images of a camera with a time gate that is open for a tenth of a nanosecond. The integrator
+samples only light of the gate's path lengths, so it needs fewer samples than a film with all bins.
 """
 
 import matplotlib.pyplot as plt

@@ -2,11 +2,12 @@
 Photons and the Cramér-Rao bound
 ================================
 
-How well do estimators find a depth from few photons? The points are errors of 400 simulated
-histograms each, the dashed lines are the least errors that unbiased estimators can have. Below some
-tens of counts, returns are missed, and the bound says nothing. On the right are the errors of an
-echo's intensity and width, over their true values. An echo ends where the response does, so its
-width is slightly biased, and can vary less than the bound.
+How well do estimators find a depth from few photons? Each point is the error of 400 simulated
+histograms. The dashed lines are the smallest possible errors of unbiased estimators. With fewer
+than some tens of counts, the estimators miss returns, and the bound is not meaningful. The right
+plot shows the errors of an echo's intensity and width, relative to the true values. The width is
+slightly biased, because an echo ends where the response ends. Therefore its error can be smaller
+than the bound.
 """
 
 import matplotlib.pyplot as plt
@@ -16,7 +17,9 @@ from scipy.stats import norm
 import tofrender
 from tofrender.sensors import depth_bound, echo_bounds, echoes, estimate_depth
 
-width, background, sigma = 0.02, 0.1, 0.06  # Of bins [m], counts per bin, of the pulse [m]
+width = 0.02  # Width of bins [m]
+background = 0.1  # Counts per bin
+sigma = 0.06  # Standard deviation of the pulse [m]
 response = tofrender.GaussianPulse(sigma)
 signals = np.array([3, 10, 30, 100, 300, 1000])
 rng = np.random.default_rng(1)

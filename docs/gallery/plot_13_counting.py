@@ -3,7 +3,7 @@ A SPAD camera counts
 ====================
 
 Photons that a camera of 64 x 64 SPADs detects in 1 to 3000 laser cycles. Colors are mean arrival
-times: blue is early, red is late. The curves are those of a pixel on the floor.
+times: blue is early, red is late. The curves show one pixel on the floor.
 """
 
 import base64
@@ -24,7 +24,8 @@ spad = Spad(jitter=Response(sigma_s=60e-12))
 
 exposures = np.unique(np.geomspace(1, 3000, 48).astype(int))
 counts = np.zeros(rates["rate"].shape, int)
-frames, histograms = [], {}
+frames = []
+histograms = {}
 for seed, cycles in enumerate(np.diff(exposures, prepend=0)):
     counts = counts + spad.histogram(rates, int(cycles), seed)["counts"].values
     photons = counts.sum(axis=-1)
