@@ -301,13 +301,17 @@ Variant = Annotated[
 ]
 Workers = Annotated[int | None, setting("workers", default=None)]
 Scheduler = Annotated[str | None, setting("scheduler", default=None)]
-Format = Annotated[str, choice(FORMATS, "Files of the transient")]
+FORMAT = (
+    "File format of the transient (one EXR per bin, one PNG per bin, one EXR of all bins, NPZ, "
+    "Zarr)"
+)
+Format = Annotated[str, choice(FORMATS, FORMAT)]
 Precision = Annotated[str, choice(("half", "float"), "Precision of EXR files")]
 Video = Annotated[bool, typer.Option(help="Write video.mp4.")]
 Figure = Annotated[str, choice(("png", "pdf", "svg"), "File type of figures")]
 Dpi = Annotated[
     int | None,
-    integer(20, 2400, "Resolution of figures in dots per inch", show_default="of each figure"),
+    integer(20, 2400, "Resolution of figures in dots per inch", show_default="each figure's own"),
 ]
 
 
