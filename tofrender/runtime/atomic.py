@@ -126,7 +126,16 @@ def locked(path: str | os.PathLike, name: str = "path") -> Iterator[None]:
 
 
 def _lock(path: str | os.PathLike, name: str, lock: Path) -> int:
-    """Create and lock the file `lock`, and return its descriptor."""
+    """Create and lock the file `lock`, and return its descriptor.
+
+    Args:
+        path: Output that the lock protects, for the error message.
+        name: Name of the parameter that contains the path, for the error message.
+        lock: Path of the lock file.
+
+    Raises:
+        FileExistsError: Another process has locked the file.
+    """
     while True:
         file = os.open(lock, os.O_CREAT | os.O_RDWR, 0o666)
         try:

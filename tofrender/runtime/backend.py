@@ -168,7 +168,7 @@ def _is_started(backend: str) -> bool:
 
 
 def require_llvm() -> None:
-    """Refuse an LLVM that would abort the process at the first kernel."""
+    """Raise a `BackendError` if LLVM is missing, or would abort the process at the first kernel."""
     import drjit as dr
 
     library = llvm.choose()

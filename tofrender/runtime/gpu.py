@@ -259,7 +259,7 @@ def _version(package: str) -> str:
 
 
 def _file() -> Path:
-    """File of the stored results, next to the kernels that Dr.Jit stores."""
+    """Return the file that stores the results of GPU tests, in Dr.Jit's folder of kernels."""
     folder = os.environ.get("DRJIT_CACHE_DIR")
     return (Path(folder) if folder else Path.home() / ".drjit") / "tofrender_gpu.json"
 
