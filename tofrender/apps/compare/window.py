@@ -18,7 +18,7 @@ DIFFERENCES = "RdBu_r"  # Matplotlib's colors of negative and positive differenc
 
 
 class Comparison(App):
-    """The page of one reader. It starts with a scene of the course, or with a pair of files."""
+    """The page of one browser session. It first shows a scene of the course, or a pair of files."""
 
     _esm = bundle.javascript(
         "ui/parts",

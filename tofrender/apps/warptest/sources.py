@@ -31,14 +31,18 @@ class Library:
     """The warps of this package."""
 
     def names(self) -> list[str]:
-        """Return the names of the subjects. An edition may have fewer subjects."""
+        """Return the names of the warps. A student edition may contain fewer warps."""
         return [name for name, subject in SUBJECTS.items() if not is_left_out(subject)]
 
     def case(self, name: str, given: Mapping[str, Any]) -> Case:
-        """Return sampler and density of a subject.
+        """Return the sampling function and the density of a warp, for a test.
+
+        Args:
+            name: Name of the warp in `SUBJECTS`.
+            given: Values of the warp's parameters, by name.
 
         Raises:
-            LeftOut: This edition leaves out the subject.
+            LeftOut: The warp is not part of this student edition.
         """
         from ... import sampling
 
@@ -49,7 +53,7 @@ class Library:
 
 
 def is_left_out(subject: Subject) -> bool:
-    """Return whether this package, as an edition that leaves out subjects, withholds a subject."""
+    """Return whether this package is a student edition that does not contain the warp."""
     from ... import sampling
 
     try:
