@@ -50,7 +50,7 @@ def _uniform(where: str, table: Table) -> Distribution:
 
 
 def _log_uniform(where: str, table: Table) -> Distribution:
-    """Distribution with a uniform logarithm."""
+    """Return a distribution of values whose logarithm is uniform."""
     ranges, single = _ranges(where, table)
     least = min(low for low, _ in ranges)
     checks.require(f"{where}.low", table["low"], least > 0, "above 0 with log_uniform")

@@ -132,7 +132,7 @@ def parse_varied(name: str, given: Any) -> Varied:
 
 
 def _names(name: str, value: Any) -> list[str]:
-    """Check a list of names, which must differ."""
+    """Return a list of object names. Raise a ValueError if the list is empty or repeats a name."""
     right = isinstance(value, list | tuple) and value and all(isinstance(v, str) for v in value)
     checks.require(name, value, right and len(set(value)) == len(value), "a list of objects' names")
     return list(value)
