@@ -115,7 +115,7 @@ class Recording:
     def require_no_lengths(self, integrator: str) -> None:
         """Refuse an integrator that overrides `sample()`, if the film needs path lengths."""
         raise TypeError(
-            f"integrator = {integrator}: overrides sample(), which does not report path lengths. "
+            f"integrator = {integrator}: its own sample() does not report path lengths. "
             f"Use a steady film instead of {self.film.class_name()}, or another integrator"
         )
 
@@ -174,7 +174,7 @@ class Recording:
         self._splatted = self._in_picture = np.zeros(())
 
     def update_image(self, taken: int, spp: int) -> None:
-        """Add splats to the picture, after `taken` of `spp` samples per pixel."""
+        """Add splats to the picture, scaled for `taken` of `spp` samples per pixel."""
         if self.splats is None:
             return
 
@@ -317,7 +317,7 @@ class BinRecording(Recording):
         self.film.one_writer_per_pixel = one_writer and self.film.rfilter().is_box_filter()
 
     def update_image(self, taken: int, spp: int) -> None:
-        """Add splats to the picture, after `taken` of `spp` samples per pixel."""
+        """Add splats to the picture, scaled for `taken` of `spp` samples per pixel."""
         super().update_image(taken, spp)
         self.film.taken = taken / spp
 

@@ -133,7 +133,7 @@ class TransientHDRFilm(mi.Film):
             The number of the image's channels, including the weight channel.
 
         Raises:
-            MemoryError: If the bins do not fit into memory. The message describes what fits.
+            MemoryError: If the bins do not fit into memory. The message names sizes that fit.
         """
         # Release the old bins before new bins are allocated
         self._bins = self._splats = None
@@ -317,7 +317,7 @@ class TransientHDRFilm(mi.Film):
                 cells.restore(arrays, factor)
 
     def _histograms(self) -> dict[str, Histogram]:
-        """Return the bins of samples and of splats, by name."""
+        """Return the histograms of the film: "bins" for samples, and "splats" if splats exist."""
         splats = {} if self._splats is None else {"splats": self._splats.cells}
         return {"bins": self.bins, **splats}
 
