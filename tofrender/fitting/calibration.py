@@ -312,7 +312,10 @@ class _Problem:
 
     @staticmethod
     def _top(pulse: KnotPulse) -> int:
-        """Return the index of the largest knot, which is fixed because the pulse is normalized."""
+        """Return the index of the knot with the largest value.
+
+        This value is not fitted, because the pulse is normalized.
+        """
         return int(np.argmax(pulse.values))
 
     def _with(self, sensor: MultiZone, name: str, variables: np.ndarray) -> MultiZone:
