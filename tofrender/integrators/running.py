@@ -209,7 +209,7 @@ def made_with(
 
 
 def interrupted(done: int, of: int, unit: str, again: str = "") -> str:
-    """Return the error message of work that was stopped.
+    """Return the error message for interrupted work.
 
     Args:
         done: Number of finished units.
