@@ -246,14 +246,14 @@ def save_exr_layers(
 def load_exr_layers(
     path: str | os.PathLike,
 ) -> tuple[dict[str, np.ndarray], dict[str, str], tuple[int, int]]:
-    """Read a file of `save_exr_layers`.
+    """Read a file that `save_exr_layers` wrote.
 
     Returns:
         (layers, attributes, first pixel): the layers by name, (height, width, channels), and column
         and row of the first pixel.
 
     Raises:
-        ValueError: The file is damaged, or it is not of `save_exr_layers`.
+        ValueError: The file is damaged, or `save_exr_layers` did not write it.
 
     Example:
         >>> import tempfile
