@@ -183,7 +183,10 @@ def even_axis(
 
 
 def intensity(data: xr.Dataset | xr.DataArray, parameter: str) -> Any:
-    """Return the component S0 of polarized data, and other data unchanged."""
+    """Return the component S0 of polarized data, and other data unchanged.
+
+    `parameter` is the name of the data in error messages.
+    """
     if "stokes" not in data.dims:
         return data
     if "S0" not in data["stokes"].values:
@@ -270,8 +273,8 @@ def by_pixel(values: Any, data: Any, parameter: str) -> Any:
         same = found.sizes[axis] == own.size and np.allclose(found[axis].values, np.sort(own))
         if not same:
             raise ValueError(
-                f"{parameter}: the axis {axis} has other labels than the Dataset. Select the same "
-                "pixels"
+                f"{parameter}: the axis {axis} has other labels than the Dataset. Make the same "
+                "selection from both"
             )
     return found.values
 
@@ -381,7 +384,7 @@ def _order_along(data: xr.Dataset, axis: str, kind: Kind, parameter: str) -> np.
         centers = data["opl"].values if "opl" in data.coords else np.arange(data.sizes[axis])
         return np.argsort(centers, kind="stable")
     if axis in kind.real and axis not in data.coords:
-        raise ValueError(f"{parameter}: the coordinate {axis} is missing")
+        raise ValueError(f"{parameter}: the coordinate {axis} is missing. Add it: assign_coords")
     if axis not in (*RISING, *kind.real) or axis not in data.coords:
         return None
     labels = data[axis].values
