@@ -79,7 +79,7 @@ class ConfocalProjector(mi.Emitter):
         self.tries = checks.integer("max_rejection_samples", tries, 1, 64)
         frame: Any = props.get("frame", None)
         if frame is None and not self.is_confocal:
-            raise ValueError("frame: is missing; must be given if is_confocal is false")
+            raise ValueError("frame is missing. Add it, or set is_confocal to true")
         self.frame: Any = None if frame is None else mi.ScalarTransform4f(_pose(frame))
 
         # Pulse
@@ -173,7 +173,13 @@ class ConfocalProjector(mi.Emitter):
         return d, self.colors.at(index, wavelengths, active) * weight
 
     def intensity(self, axes: mi.Frame3f, direction: mi.Vector3f, wavelengths: Any = None) -> Any:
-        """Return the radiant intensity [W/sr] in a direction, at wavelengths [nm]."""
+        """Return the radiant intensity [W/sr] of the spots in a direction.
+
+        Args:
+            axes: Frame of the projector, whose z axis is the optical axis.
+            direction: Unit vector in world space.
+            wavelengths: Wavelengths [nm] in spectral variants.
+        """
         # Coordinates in the plane of the pattern
         local = axes.to_local(direction)
         x = local.x / (local.z * self.tan)
