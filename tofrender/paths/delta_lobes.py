@@ -35,7 +35,7 @@ MOST_LOBES = 15
 
 @dataclass
 class LobeSample:
-    """Direction and throughput of a path after one delta lobe."""
+    """Sample of one delta lobe: the new direction, and the factor of the path's throughput."""
 
     # Index of the lobe
     lobe: mi.UInt32

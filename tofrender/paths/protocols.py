@@ -203,9 +203,12 @@ class CausticTracer(Protocol):
 
 
 class Target(Protocol):
-    """Emitter sample with a length from `path.prev` to the emitter by way of a medium point."""
+    """Emitter sample for a connection through a point in a medium that is not chosen yet.
 
-    # Lanes with a point that has this length
+    The sample contains the length of the path from `path.prev` over this point to the emitter.
+    """
+
+    # Lanes with a point for which the path has this length
     active: mi.Bool
 
 
@@ -241,7 +244,7 @@ class MediumConnections(Protocol[T]):
 class Endpoint(ABC):
     """Target of next-event estimation: the emitters, or the lens for paths that start at emitters.
 
-    The default is a light that connections can find and rays cannot hit.
+    The default methods describe a light that connections can find, but that rays cannot hit.
     """
 
     # Whether the loop calls `connect`, i.e. uses next-event estimation
