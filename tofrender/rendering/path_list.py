@@ -383,10 +383,10 @@ def _shapes(scene: mi.Scene, position: np.ndarray, last: np.ndarray) -> np.ndarr
 
 
 def _emitter(scene: mi.Scene, p: np.ndarray) -> str:
-    """Return the identifier of the emitter without a shape at a point.
+    """Return the identifier of the emitter at a point that is on no shape.
 
     If no point light is at the point, the function returns the identifier of the infinitely distant
-    emitter. The result is "emitter" if the scene does not have exactly one such emitter.
+    emitter. The result is "emitter" unless the scene has exactly one infinitely distant emitter.
     """
     # Is a point light at the point?
     emitters = scene.emitters()

@@ -170,9 +170,9 @@ def render(
     if out is not None and checkpoint is not None:
         raise ValueError("checkpoint: must be left out with `out`, which keeps all tiles")
     if wanted.denoise and (out is not None or by_workers):
-        raise ValueError("denoise = True: must be False with `out` and with workers")
+        raise ValueError("denoise = True: must be False with `out` or with workers")
     if resume is not None and (out is not None or by_workers):
-        raise ValueError("resume: must be left out with `out` and with workers; see `merge`")
+        raise ValueError("resume: must be left out with `out` or with workers; see `merge`")
 
     # Can the scene be sent to workers?
     if by_workers:

@@ -132,7 +132,8 @@ class Order:
         """Make the job in a worker.
 
         Raises:
-            ValueError: The scene differs, for example because a file differs.
+            ValueError: The worker's scene differs from the client's scene, for example because a
+                file has other contents.
         """
         job = self.make(**unpacked(self.arguments), axis=self.axis)
         if job.recipe["fingerprint"] != self.fingerprint:
@@ -344,7 +345,7 @@ def check_client(client: object) -> int:
     # Are the versions equal?
     for worker, its in found.items():
         if not isinstance(its, Exception) and its != own:
-            raise ValueError(f"client: worker {worker} has {its}; must have {own}")
+            raise ValueError(f"client: worker {worker} has {its}; install {own} there, as here")
 
     # Can all workers activate the variant?
     active = checked.run(backend.activate, mi.variant(), on_error="return")
