@@ -86,7 +86,12 @@ class KeyLayout:
         return pending.pixel * self.pixel_stride + pending.time
 
     def pending_after(self, keys: np.ndarray, bins: int) -> Pending:
-        """Return the avalanches of the last `bins` bins, for the next chunk."""
+        """Return the avalanches in the last `bins` bins, which can affect the next chunk.
+
+        Args:
+            keys: Keys of all avalanches of this chunk.
+            bins: Number of bins before the end of the chunk.
+        """
         pixel = keys // self.pixel_stride
         time = keys - pixel * self.pixel_stride - self.cycles * self.bins
         last = (time >= -bins) & (time < 0)
