@@ -66,7 +66,7 @@ def transient_to_phasor(
 
     Raises:
         ValueError: Shape, frequency or time axis are invalid, a value is not finite, or attributes
-            of a Dataset are missing; one line.
+            of a Dataset are missing.
 
     Warns:
         UserWarning: The Dataset's window lost more than 1 % of the energy.

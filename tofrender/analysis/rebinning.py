@@ -52,7 +52,7 @@ def rebin(
 
     Raises:
         ValueError: The Dataset is not supported, new bins are narrower than old bins or outside the
-            window, or new pixels do not divide the film; one line.
+            window, or new pixels do not divide the film.
 
     Example:
         >>> import tofrender

@@ -85,7 +85,7 @@ class Emission:
         sensor: The sensor. Distant light starts on a sphere around scene and sensor.
 
     Raises:
-        ValueError: If emitters are missing, or an emitter is not supported; one line.
+        ValueError: If emitters are missing, or an emitter is not supported.
     """
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor) -> None:

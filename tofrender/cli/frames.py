@@ -30,7 +30,7 @@ FPS = 10
 
 
 def check(options: dict[str, Any]) -> None:
-    """Refuse options that cannot be combined with --frames, and options that require it."""
+    """Raise a ValueError for options that exclude --frames, and for options that require it."""
     of_frames = {"frame_time": None, "exposure": 0.0, "poses": None, "row_time": 0.0}
     if options["frames"] is None:
         for name, default in of_frames.items():
@@ -188,7 +188,7 @@ def _listed(folder: Path) -> dict[str, Any]:
 
 
 def _require_same(out: Path, earlier: dict[str, Any], recipe: dict[str, Any]) -> None:
-    """Refuse to continue frames that were rendered with other settings."""
+    """Raise a ValueError if the frames to continue were rendered with other settings."""
     for name, value in recipe.items():
         if earlier.get(name) != value:
             raise ValueError(

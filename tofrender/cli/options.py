@@ -357,7 +357,7 @@ def dots(dpi: int | None) -> dict[str, Any]:
 
 
 def check_client(workers: int | None, scheduler: str | None) -> None:
-    """Refuse --workers together with --scheduler."""
+    """Raise a ValueError if --workers and --scheduler are combined."""
     if workers is not None and scheduler is not None:
         raise ValueError("--scheduler and --workers cannot be combined. Use one of them")
 
@@ -382,7 +382,7 @@ def _naming_out() -> Iterator[None]:
 def check_out(
     out: Path, shape: tuple[int, int, int, int] | None = None, precision: str = "float"
 ) -> None:
-    """Refuse a folder that cannot be written, and a disk too small for a transient of `shape`."""
+    """Raise an error if a folder cannot be written, or a disk is too small for this transient."""
     from tofrender.io import check_output
 
     with _naming_out():
@@ -391,19 +391,19 @@ def check_out(
 
 
 def check_file_out(out: Path, *suffixes: str, overwrite: bool = False) -> None:
-    """Refuse a file that cannot be written."""
+    """Raise an error if a file cannot be written, or has none of the suffixes."""
     with _naming_out():
         check_file(out, *suffixes, overwrite=overwrite, needed_bytes=FIGURE_BYTES)
 
 
 def check_disk_space(out: Path, *counts: int) -> None:
-    """Refuse a disk too small for arrays of float32 with these numbers of values."""
+    """Raise an OSError if the disk is too small for float32 arrays with these numbers of values."""
     with _naming_out():
         check_writable(out, 4 * sum(counts) + FIGURE_BYTES)
 
 
 def check_apart(out: Path, source: Path) -> None:
-    """Refuse an output that is the source, inside the source, or a parent of the source.
+    """Raise a ValueError if an output is the source, inside the source, or a parent of the source.
 
     The command would replace its own input.
     """
@@ -414,7 +414,7 @@ def check_apart(out: Path, source: Path) -> None:
 
 
 def check_format(format: str, precision: str) -> None:
-    """Refuse half precision for formats that do not support it."""
+    """Raise a ValueError if a format does not support half precision."""
     if format in ("npz", "zarr", "png") and precision != "float":
         raise ValueError(f"--precision = {precision}: must be float with --format {format}")
 

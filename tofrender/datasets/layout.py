@@ -91,7 +91,7 @@ class DatasetLayout:
         return sum(array.bytes for array in self.arrays)
 
     def check(self, made: Mapping[str, np.ndarray]) -> None:
-        """Refuse a record if one of its arrays has another shape than in the other records."""
+        """Raise a ValueError if an array of a record has another shape than in other records."""
         for array in self.arrays:
             if made[array.name].shape != array.shape:
                 raise ValueError(

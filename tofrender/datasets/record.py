@@ -229,7 +229,7 @@ def _captured(
 
 
 def _require_window(layout: DatasetLayout, start_opl: float, bin_width_opl: float) -> None:
-    """Refuse time bins that differ from the time bins of the other records."""
+    """Raise a ValueError if the time bins differ from the time bins of the other records."""
     found = (float(start_opl), float(bin_width_opl))
     if layout.window is None:
         return
@@ -252,7 +252,7 @@ LIT = ("transient", "steady", "noisy", "phasor", "capture")
 
 
 def _require_light(name: str, array: np.ndarray) -> None:
-    """Refuse light that is zero or not finite, and depths and normals without a surface."""
+    """Raise a ValueError if light is zero or not finite, or no pixel has depths or normals."""
     if name in LIT:
         checks.finite(name, array)
         if not array.any():

@@ -157,7 +157,7 @@ LENGTHS: dict[str, tuple[tuple[int, ...], str]] = {
 
 
 def _require_fit(where: str, varied: Varied, kind: str) -> None:
-    """Refuse a distribution if its length, values or bounds do not fit the target."""
+    """Raise a ValueError if length, values or bounds of a distribution do not fit the target."""
     # Check the length of a draw
     target = varied.target
     distribution = varied.distribution

@@ -73,7 +73,7 @@ def denoise_film(
         The filtered mean, float32 (height, width, bins, channels).
 
     Raises:
-        ValueError: If the shapes of the arrays do not fit, or a number is not finite; one line.
+        ValueError: If the shapes of the arrays do not fit, or a number is not finite.
 
     Example:
         >>> rng, ones = np.random.default_rng(0), np.ones((16, 16, 3))

@@ -70,7 +70,7 @@ def time_bins(film: mi.Film) -> tuple[int, float, float] | None:
 
 
 def require_resolved(film: mi.Film) -> None:
-    """Refuse time bins that single precision cannot resolve, see `checks.resolved`."""
+    """Raise a ValueError if single precision cannot resolve time bins, see `checks.resolved`."""
     axis = time_bins(film)
     if axis is not None:
         bins, start, width = axis

@@ -364,7 +364,7 @@ class TransientHDRFilm(mi.Film):
                 tiles must set `sample_border`, because seams would otherwise be too dark.
 
         Raises:
-            ValueError: If the tile does not fit; one line.
+            ValueError: If the tile does not fit.
         """
         # Is the tile a part of this film?
         names = "temporal_bins", "start_opl", "bin_width_opl", "size", "rfilter", "sample_border"

@@ -470,7 +470,7 @@ class _Problem:
         return labels + [f"albedo {name}" for name in self.parts[1:]]
 
     def require_determined(self, x: np.ndarray) -> None:
-        """Refuse histograms that do not determine all variables."""
+        """Raise a ValueError if the histograms do not determine all variables."""
         # Are there enough bins?
         jacobian = self.jacobian(x)
         if len(jacobian) < x.size:

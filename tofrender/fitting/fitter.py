@@ -144,7 +144,7 @@ def fit(
         The values and the history of the fit, see `Fit`.
 
     Raises:
-        ValueError: An argument is invalid, or the light does not depend on any variable; one line.
+        ValueError: An argument is invalid, or the light does not depend on any variable.
         BackendError: The active variant does not support time-resolved rendering.
 
     Warns:
@@ -441,7 +441,7 @@ def _labeled_bins(given: xr.Dataset | xr.DataArray, film: Any, camera_unwarp: bo
 
 
 def _require_same_pixels(target: xr.Dataset, film: Any) -> None:
-    """Refuse pixels or channels that differ from the film's."""
+    """Raise a ValueError if pixels or channels differ from the film's."""
     wanted = pixels_and_channels(film, target.sizes["channel"])
     for axis in ("y", "x", "channel"):
         found = target[axis].values

@@ -303,7 +303,7 @@ lengths |
         return Derivative(plan, record, sensor, spp, self.gradient_sampling == "detached")
 
     def _require_derivatives(self, scene: mi.Scene, sensor: mi.Sensor, record: Recording) -> None:
-        """Refuse renders without derivatives, if parameters track gradients."""
+        """Raise an error if parameters track gradients, and the render has no derivatives."""
         parts = [scene, self] if sensor in scene.sensors() else [scene, self, sensor]
         names = [name for part in parts for name in tracked(readable(mi.traverse(part)))]
         if names:
@@ -314,7 +314,7 @@ lengths |
             warn_of_edges(names)
 
     def _require_own_derivatives(self) -> None:
-        """Refuse an integrator without derivatives."""
+        """Raise a RuntimeError: the integrator has no derivatives."""
         if not self.has_derivatives or is_user_defined(self):
             raise RuntimeError(
                 f"integrator = {type(self).__name__}: derivatives are not supported. Use another "

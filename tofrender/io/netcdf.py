@@ -33,7 +33,7 @@ def in_netcdf_types(dataset: xr.Dataset) -> xr.Dataset:
 
     Raises:
         ValueError: A variable has another type, or an integer beyond 2^53, or SciPy's writer does
-            not support the name of an attribute; one line.
+            not support the name of an attribute.
     """
     for name in sorted(RESERVED & {*map(str, dataset.attrs)}):
         raise ValueError(

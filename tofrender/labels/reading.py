@@ -195,7 +195,7 @@ def intensity(data: xr.Dataset | xr.DataArray, parameter: str) -> Any:
 
 
 def require_whole_stokes(data: xr.Dataset | xr.DataArray, parameter: str) -> None:
-    """Refuse polarized data without one of the four Stokes components."""
+    """Raise a ValueError if polarized data lack one of the four Stokes components."""
     found = [str(name) for name in data["stokes"].values] if "stokes" in data.dims else [*STOKES]
     if found != [*STOKES]:
         raise ValueError(
@@ -218,7 +218,7 @@ def pixel_steps(data: xr.Dataset | xr.DataArray, parameter: str) -> dict[str, in
 
 
 def require_axes_only(data: xr.Dataset, parameter: str) -> None:
-    """Refuse further coordinates along an axis, since files do not contain them.
+    """Raise a ValueError for further coordinates along an axis, since files do not contain them.
 
     Supported are the labels of each axis, and `opl` and `time` of the bins.
     """
@@ -231,7 +231,7 @@ def require_axes_only(data: xr.Dataset, parameter: str) -> None:
 
 
 def require_consecutive(data: xr.Dataset | xr.DataArray, parameter: str) -> None:
-    """Refuse pixels that are not a rectangle of a film without gaps."""
+    """Raise a ValueError if the pixels are not a rectangle of a film without gaps."""
     for axis in ("y", "x"):
         _require_no_gaps(np.diff(data[axis].values), 1, axis, parameter)
 
@@ -310,7 +310,7 @@ def _without_choices(data: xr.Dataset) -> xr.Dataset:
 
 
 def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
-    """Refuse missing and unknown variables, and missing and unknown axes."""
+    """Raise a ValueError if variables or axes are missing or unknown."""
     # Check the variables of the kind
     for name, axes in kind.all_variables.items():
         if name not in data.data_vars:
@@ -447,7 +447,7 @@ def _require_even_steps(steps: np.ndarray, width: float, axis: str, parameter: s
 
 
 def _require_times(time_ns: np.ndarray, opl: np.ndarray, parameter: str) -> None:
-    """Refuse times that differ from the path lengths over c."""
+    """Raise a ValueError if times differ from the path lengths divided by c."""
     expected = opl_to_ns(opl)
     same_shape = time_ns.shape == expected.shape
     if not same_shape or not np.allclose(time_ns, expected, rtol=1e-9, atol=1e-9):

@@ -80,7 +80,7 @@ def doppler(
 
     Raises:
         ValueError: If an argument or the scene is wrong.
-        KeyboardInterrupt: If the render was stopped; one line.
+        KeyboardInterrupt: If the render was stopped.
 
     Example:
         >>> import tofrender

@@ -100,7 +100,7 @@ class Fmcw:
             rate: The film's bins of rate [m/s].
 
         Raises:
-            ValueError: If the film's bins are too wide, or its highest beat is too high; one line.
+            ValueError: If the film's bins are too wide, or its highest beat is too high.
         """
         # Are the bins at most as wide as the resolution?
         for name, axis, finest in zip(("opl", "rate"), (opl, rate), self.resolution, strict=True):

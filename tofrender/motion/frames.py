@@ -127,7 +127,7 @@ def render_frames(
     Raises:
         ValueError: An argument or the scene is wrong.
         MemoryError: The frames do not fit.
-        KeyboardInterrupt: The render was stopped in the first frame; one line.
+        KeyboardInterrupt: The render was stopped in the first frame.
 
     Warns:
         UserWarning: More than 1 % of a frame's energy is outside the window, or the render was

@@ -152,7 +152,7 @@ def _film_size(grid: Any) -> dict[str, Any]:
 
 
 def _require_memory(mode: str, film: mi.Film) -> None:
-    """Refuse a capture that does not fit into memory, and name a size that fits."""
+    """Raise a MemoryError that names a smaller size if a capture does not fit into memory."""
     # Films of other kinds are refused later
     shape = getattr(film, "shape", None)
     if shape is None:

@@ -84,8 +84,8 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
     Raises:
         FileNotFoundError: `path` does not exist.
         ValueError: The folder is not a finished film of this package, or files are missing or
-            incomplete; one line.
-        ImportError: The packages zarr and dask are missing; one line.
+            incomplete.
+        ImportError: The packages zarr and dask are missing.
 
     Example:
         >>> import tempfile, tofrender

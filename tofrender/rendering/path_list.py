@@ -69,7 +69,7 @@ def paths_of(
         attribute `found` is the number of these paths. In polarized variants, radiance is S0.
 
     Raises:
-        ValueError: An argument or the scene is wrong; one line.
+        ValueError: An argument or the scene is wrong.
         BackendError: The active variant does not support transient rendering.
 
     Example:

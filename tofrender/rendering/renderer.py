@@ -145,7 +145,7 @@ def render(
         ValueError: An argument or the scene is wrong, or no light can reach the window.
         MemoryError: The bins do not fit into memory. The message names settings that fit.
         BackendError: The active variant does not support transient rendering.
-        KeyboardInterrupt: A render with `out` or workers was stopped; one line.
+        KeyboardInterrupt: A render with `out` or workers was stopped.
 
     Warns:
         UserWarning: More than 1 % of the energy is outside the window, or the render was stopped.

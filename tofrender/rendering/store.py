@@ -166,9 +166,9 @@ def save_zarr(dataset: Annotated[xr.Dataset, RENDERED], path: str | os.PathLike[
         The film as `load_zarr` opens it.
 
     Raises:
-        ValueError: The Dataset is not a result of `render`, or the name is wrong; one line.
-        FileExistsError: The folder exists; one line.
-        ImportError: The packages zarr and dask are missing; one line.
+        ValueError: The Dataset is not a result of `render`, or the name is wrong.
+        FileExistsError: The folder exists.
+        ImportError: The packages zarr and dask are missing.
 
     Example:
         >>> import tempfile, tofrender

@@ -154,8 +154,8 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
         threads: Threads of each process, 1 to 1024. By default, the processes share the cores.
 
     Raises:
-        ValueError: A number is out of range; one line.
-        ImportError: The package distributed or cryptography is missing; one line.
+        ValueError: A number is out of range.
+        ImportError: The package distributed or cryptography is missing.
         RuntimeError: A worker cannot start. One line describes the cause.
     """
     # Check the arguments
@@ -197,7 +197,7 @@ def visible_devices(count: int) -> list[dict[str, str]]:
     The variables are empty under variants that render on the CPU.
 
     Raises:
-        ValueError: There are fewer GPUs than workers; one line.
+        ValueError: There are fewer GPUs than workers.
     """
     backend_name = gpu.backend_of(mi.variant())
     if backend_name is None:

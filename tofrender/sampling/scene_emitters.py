@@ -29,7 +29,7 @@ def emitters_of(scene: mi.Scene) -> SurfaceGroup:
         scene: A scene. All its emitters must be area lights with constant radiance.
 
     Raises:
-        ValueError: The scene contains another emitter or none; one line.
+        ValueError: The scene contains another emitter or none.
 
     Example:
         >>> light = {"type": "area", "radiance": {"type": "rgb", "value": 3.0}}

@@ -91,7 +91,7 @@ def lidar(
 
     Raises:
         ValueError: Scene, pattern or a value are invalid, or the scene contains materials that the
-            lidar does not support; one line.
+            lidar does not support.
 
     Example:
         >>> shots = lidar("cornell_box", scan_pattern(shots=(4, 4), fov_deg=(20, 20)), spp=4)

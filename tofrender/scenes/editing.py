@@ -55,7 +55,7 @@ def change(state: Any, settings: Mapping[str, Any]) -> None:
         settings: Checked settings of `SceneSettings`, by name.
 
     Raises:
-        ValueError: If the scene cannot be changed in this way; one line.
+        ValueError: If the scene cannot be changed in this way.
     """
     # Nodes are addressed by index, because the list moves in memory when a node is added
     nodes = state.nodes

@@ -45,7 +45,7 @@ def sense(dataset: Annotated[xr.Dataset, TRANSIENT], sensor: Any, seed: int = 0)
         and `save_capture` accept the counts.
 
     Raises:
-        ValueError: A key is unknown, a value is not allowed or does not fit the render; one line.
+        ValueError: A key is unknown, a value is not allowed or does not fit the render.
         FileNotFoundError: The file does not exist.
 
     Example:

@@ -141,7 +141,7 @@ def _places(values: xr.DataArray, time: str) -> np.ndarray:
 
 
 def _require_even(name: str, centers: np.ndarray) -> None:
-    """Refuse bins with centers [m] that are not evenly spaced."""
+    """Raise a ValueError if the centers [m] of bins are not evenly spaced."""
     bins = xr.DataArray(centers, {"opl": centers}, "opl")
     bins_of(bins, name)
 

@@ -49,7 +49,7 @@ class Spad(SpadParameters):
         device_seed: Seed of hot pixels and of the widths of codes.
 
     Raises:
-        ValueError: A value is out of range, or a parameter has no effect; one line.
+        ValueError: A value is out of range, or a parameter has no effect.
         ValueError: A value out of range, or a parameter that nothing depends on.
 
     Example:

@@ -235,7 +235,7 @@ class SampledPulse:
 
         Raises:
             FileNotFoundError: If the file does not exist.
-            ValueError: If the file does not contain a pulse; one line.
+            ValueError: If the file does not contain a pulse.
 
         Example:
             >>> import tempfile

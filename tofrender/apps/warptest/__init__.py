@@ -35,7 +35,7 @@ def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) ->
         A component of Panel, which a notebook shows.
 
     Raises:
-        ValueError: A name, a module or a parameter is wrong; one line.
+        ValueError: A name, a module or a parameter is wrong.
         RuntimeError: Panel is not installed.
 
     Example:

@@ -101,7 +101,7 @@ def _remove_warps() -> None:
     import mitsuba as mi
 
     def attribute(name: str) -> Any:
-        """Refuse the access to a deleted function."""
+        """Raise an error on the access to a deleted function."""
         refuse(f"mi.warp.{name} is")
 
     for name in list(vars(mi.warp)):

@@ -50,7 +50,7 @@ class ScanPlan(Plan):
         """Return the plan for derivatives: the laser spot moves, and only walked paths find it.
 
         Raises:
-            ValueError: The scene has media, mirrors or glass; one line.
+            ValueError: The scene has media, mirrors or glass.
         """
         if self.space.scatters:
             raise ValueError(

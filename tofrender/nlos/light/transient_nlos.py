@@ -182,7 +182,7 @@ class TransientNLOSPath(RelayWallPath):
 
     @tracing_lock()
     def _check_aim(self, scan: Scan, kind: str, sensor: mi.Sensor | None) -> None:
-        """Refuse a laser that misses the wall or is in the plane of the wall."""
+        """Raise a ValueError if the laser misses the wall or is in the plane of the wall."""
         # Single capture: where does the laser hit the wall?
         if kind == "single":
             require_aim(scan.scene)
