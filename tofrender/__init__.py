@@ -29,7 +29,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _is_command() -> bool:
-    """Whether Python runs for the `tofrender` command, or for one of our modules by -m."""
+    """Return whether Python runs for the `tofrender` command, or for one of our modules by -m."""
     program = sys.argv[0] if sys.argv else ""
     if program != "-m":
         return PurePath(program).stem == "tofrender"

@@ -140,7 +140,7 @@ class Emission:
     def sample_at(
         self, xi: mi.Float, u_point: mi.Point2f, u_direction: mi.Point2f, ray: mi.Ray3f
     ) -> Emitted:
-        """As `sample`, by uniform numbers for the emitter, the point and the direction."""
+        """Sample as `sample` does, with uniform numbers for emitter, point and direction."""
         # Choose an emitter
         if self.distribution is None:
             index, inverse_pmf, _ = self.scene.sample_emitter(xi)

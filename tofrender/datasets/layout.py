@@ -95,8 +95,8 @@ class DatasetLayout:
         for array in self.arrays:
             if made[array.name].shape != array.shape:
                 raise ValueError(
-                    f"{array.name} has the shape {made[array.name].shape}, those of other records "
-                    f"{array.shape}; must be the same in all"
+                    f"{array.name} has the shape {made[array.name].shape}, and {array.shape} in the "
+                    "other records. All records must have the same shape"
                 )
 
 
@@ -129,7 +129,7 @@ def layout_of(config: Config, records: list[int]) -> DatasetLayout:
     if outputs.rendered or outputs.noisy or capture or config.sense is not None:
         if time_bins(film) is None:
             raise ValueError(
-                "render.temporal_bins: must be given, and window, as the scene has no time bins"
+                "render.temporal_bins: must be given, and window, since the scene has no time bins"
             )
         timed = windowed_film(film, None, None)
         height, width, bins, channels = timed.shape

@@ -186,7 +186,7 @@ def require_complete(
     out: str | os.PathLike[str],
     only: Iterable[int] | None = None,
 ) -> xr.Dataset:
-    """Load a finished data set, and refuse it if it was made from another configuration or files.
+    """Load a finished data set. Raise an error if its configuration or files have changed.
 
     Args:
         config: Description of the expected data set.

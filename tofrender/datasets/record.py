@@ -235,9 +235,9 @@ def _require_window(layout: DatasetLayout, start_opl: float, bin_width_opl: floa
         return
     if not np.allclose(found, layout.window, rtol=1e-6, atol=1e-9):
         raise ValueError(
-            f"its time bins start at {found[0]:g} m and are {found[1]:g} m wide, those of others "
-            f"{layout.window[0]:g} m and {layout.window[1]:g} m; must be the same in all: give "
-            "start_opl and bin_width_opl in [render]"
+            f"its time bins start at {found[0]:g} m (width {found[1]:g} m), in other records at "
+            f"{layout.window[0]:g} m (width {layout.window[1]:g} m). Set start_opl and "
+            "bin_width_opl in [render]"
         )
 
 

@@ -248,7 +248,7 @@ def _is_like_neighbors(variance: np.ndarray) -> np.ndarray:
 
 
 def _checked(features: Mapping[str, np.ndarray], size: tuple[int, int]) -> dict[str, np.ndarray]:
-    """Return the features as float32 arrays; refuse missing, unfitting or infinite features."""
+    """Return the features as float32 arrays. Raise an error for missing or wrong features."""
     complete = isinstance(features, Mapping) and not set(FEATURES) - set(features)
     checks.require("features", features, complete, f"a dict of {', '.join(FEATURES)}")
     arrays = {}

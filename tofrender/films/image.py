@@ -54,7 +54,7 @@ def pixels_of(film: mi.Film) -> dict[str, Any]:
 
 
 def box_by_default(props: mi.Properties) -> None:
-    """Add a box filter to the parameters of a film without filter; refuse an invalid `rfilter`."""
+    """Add a box filter to a film's parameters without filter. A wrong `rfilter` raises an error."""
     kind = mi.ReconstructionFilter
     if "rfilter" in props:
         checks.instance("rfilter", props["rfilter"], kind, "a filter, like {'type': 'tent'}")

@@ -356,7 +356,7 @@ class MitransientRecording(BinRecording):
         """Accept any film, because the memory of mitransient's film is unknown."""
 
     def begin(self, spp: int, splats: bool = False, apart: bool = False) -> None:
-        """Prepare the film for `spp` samples per pixel, and refuse splats."""
+        """Prepare the film for `spp` samples per pixel. Raise an error for splats."""
         if splats:
             raise TypeError(
                 f"{self._named(self.film)}: light tracing is not supported. {USE_OUR_FILM}"
@@ -374,7 +374,7 @@ class PhasorRecording(Recording):
     emitters_apart = True
 
     def prepare(self) -> None:
-        """Clear the film, and refuse a film that does not fit into memory."""
+        """Clear the film. Raise an error for a film that does not fit into memory."""
         self.require_memory(1)
         super().prepare()
 

@@ -333,7 +333,7 @@ class TransientHDRFilm(mi.Film):
 
     @staticmethod
     def _prepared(part: T | None) -> T:
-        """Return a part of the film, and refuse a film that is not prepared."""
+        """Return a part of the film. Raise an error for a film that is not prepared."""
         if part is None:
             raise RuntimeError(
                 "transient_hdr_film: the film is empty. Call prepare() or render first"

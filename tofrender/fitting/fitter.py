@@ -493,7 +493,7 @@ def _best(losses: Sequence[float], patience: int) -> tuple[int, float]:
 
 
 def _check_dependence(values: Mapping[str, Any]) -> None:
-    """Warn of values without an effect on the loss, and refuse the fit if no value has any."""
+    """Warn of values without an effect on the loss. Raise an error if no value has an effect."""
     none = [name for name, value in values.items() if dr.all(dr.grad(value) == 0, axis=None)]
     if len(none) == len(values):
         raise ValueError(

@@ -209,7 +209,7 @@ def phase_loss(
 
 
 def _second(other: Any, rendered: Any) -> Any:
-    """Return a second render, and refuse it if its shape differs from the first render."""
+    """Return a second render. Raise an error if its shape differs from the first render."""
     expected = tuple(rendered.shape)
     try:
         shape = tuple(other.shape) if isinstance(other, mi.TensorXf) else np.shape(other)
@@ -432,7 +432,7 @@ def require_same_shape(rendered: Any, target: Any) -> None:
 
 
 def _nonzero_sum(values: Any) -> Any:
-    """Sum values of the target, and refuse a black target."""
+    """Sum values of the target. Raise an error for a black target."""
     total = dr.detach(dr.sum(values, axis=None))
     if not float(np.array(total).item()) > 0:
         raise ValueError("target: all values are 0. Pass a target with light")

@@ -97,7 +97,7 @@ class Variables:
         return clipped
 
     def at_bounds(self, values: Mapping[str, Any]) -> list[str]:
-        """Describe the plain values with a component at a bound."""
+        """Describe the variables that have a component at a bound."""
         found = []
         for name, (low, high) in self._bounds.items():
             value = np.asarray(values[name], np.float32)

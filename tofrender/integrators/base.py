@@ -266,7 +266,7 @@ lengths |
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0):
         """Return the forward derivative (JVP) of the result of `render`.
 
-        The direction of the derivative is given by the gradients of the parameters.
+        The gradients of the parameters are the direction of the derivative.
         `mi.render(scene, params)` calls this method in forward mode. The errors of `render` may
         be raised.
         """
@@ -292,7 +292,7 @@ lengths |
         self._differentiated(scene, params, sensor, spp).reverse(seed, gradients)
 
     def _differentiated(self, scene, params, sensor, spp) -> Derivative:
-        """Return the derivative of a render, or refuse the render with an error."""
+        """Return the derivative of a render, or raise an error if it is not supported."""
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         record = self.recording(sensor.film())
         attached = self.gradient_sampling == "attached"

@@ -354,7 +354,7 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
 
 
 def _in_order(data: xr.Dataset, kind: Kind, parameter: str) -> xr.Dataset:
-    """Bring axes, and the labels along them, to their order."""
+    """Sort the axes, and the labels along the axes."""
     # Sort the labels along each axis that the kind contains
     known = {axis for axes in kind.all_variables.values() for axis in axes} | {"stokes"}
     for axis in map(str, data.dims):

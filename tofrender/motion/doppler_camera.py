@@ -187,7 +187,7 @@ def doppler_rate(measured: Annotated[xr.Dataset, DOPPLER]) -> xr.DataArray:
         V (y, x) [m/s], positive for growing lengths, NaN for pixels without light.
 
     Raises:
-        ValueError: If the Dataset is of another kind or has another waveform.
+        ValueError: If the Dataset has another kind or another waveform.
     """
     # Check the Dataset
     measured = read(measured, DOPPLER, "measured")

@@ -151,7 +151,7 @@ class Fmcw:
             number.
 
         Raises:
-            ValueError: If the film is of another kind, or its bins or beats do not fit the lidar.
+            ValueError: If the film has another kind, or its bins or beats do not fit the lidar.
             MemoryError: If the spectra do not fit into memory.
 
         Example:

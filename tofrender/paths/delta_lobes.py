@@ -94,7 +94,7 @@ class DeltaLobes:
 
     @staticmethod
     def are_mixed(bsdf: mi.BSDF) -> bool:
-        """Whether a BSDF mixes delta lobes with smooth lobes or with equal delta lobes.
+        """Return whether a BSDF mixes delta lobes with smooth lobes or with equal delta lobes.
 
         Delta lobes are equal if they have the same side and the same direction.
         """

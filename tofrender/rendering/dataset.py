@@ -149,7 +149,7 @@ def for_file(dataset: Any, halves: bool = False) -> xr.Dataset:
         halves: Whether to keep the variables that `denoise` needs (`HALVES`).
 
     Raises:
-        ValueError: The Dataset is not of `render`, or its bins or pixels have gaps.
+        ValueError: The Dataset is not a result of `render`, or its bins or pixels have gaps.
     """
     dataset = read(dataset, FILM, "dataset")
     require_whole_stokes(dataset, "dataset")

@@ -151,7 +151,7 @@ def require_whole(film: Path, listed: bool = True) -> None:
             too_large = [text for name, node in nodes for text in _too_large(name, node)]
         except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
             raise ValueError(
-                f"path = {film}: {place} is damaged; must be as it was written"
+                f"path = {film}: {place} is damaged. Restore it, or render again"
             ) from None
         if wrong:
             raise ValueError(

@@ -125,7 +125,7 @@ class Job:
         return self.scene.sensors()[self.settings.sensor]
 
     def points(self, first: int = 0) -> mi.Sampler:
-        """Return the sampler of the samples that are missing after `first` samples per pixel."""
+        """Return a sampler for the samples that remain after `first` samples per pixel."""
         return sampler_for(self.camera, self.settings.sampler, self.settings.spp, first)
 
     def recording(self, film: TransientHDRFilm) -> Recording:

@@ -285,10 +285,10 @@ def workers_for(
 
 
 def check_workers(**given: object) -> bool:
-    """Return whether one of `workers`, `scheduler` and `client` is given, and check its value.
+    """Return whether one of `workers`, `scheduler` and `client` is set, and check its value.
 
     Raises:
-        ValueError: More than one of them is given, or the value is wrong.
+        ValueError: More than one of the three is set, or the value is wrong.
     """
     names = [name for name, value in given.items() if value is not None]
     if len(names) > 1:

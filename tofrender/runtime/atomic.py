@@ -113,7 +113,7 @@ def locked(path: str | os.PathLike, name: str = "path") -> Iterator[None]:
     The block has no effect if the system or the file system does not support locks.
 
     Raises:
-        FileExistsError: Another process holds the lock. The message calls `path` by `name`.
+        FileExistsError: Another process holds the lock. The message names `path` as `name`.
     """
     lock = sibling(path, ".lock")
     lock.parent.mkdir(parents=True, exist_ok=True)

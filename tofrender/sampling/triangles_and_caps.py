@@ -38,7 +38,7 @@ def literal(numbers: np.ndarray) -> mi.Vector3f:
 
 
 def parallelogram_area(e0: np.ndarray, e1: np.ndarray, named: str) -> float:
-    """Return the area between two edges, shape (3,) each, and refuse edges that are parallel.
+    """Return the area between two edges, shape (3,) each. Parallel edges raise an error.
 
     Args:
         e0: First edge.

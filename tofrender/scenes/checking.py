@@ -72,7 +72,7 @@ def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None, **supported: b
 
 
 def check_view(scene: mi.Scene, sensor: mi.Sensor, **supported: bool) -> None:
-    """Check a scene by `check_scene`, and refuse a `sensor` that is not an `mi.Sensor`."""
+    """Check a scene by `check_scene`. Raise an error for a `sensor` that is not an `mi.Sensor`."""
     check_scene(scene, sensor, **supported)
     checks.instance("sensor", sensor, mi.Sensor, SENSOR)
 

@@ -33,7 +33,7 @@ def qualify_plugins(state: Any) -> None:
 
 
 def name_shapes(state: Any) -> None:
-    """Give each shape without an id its name in the XML file as id. Exporters write such names."""
+    """Use the name in the XML file as the id of each shape without an id."""
     for parent in state.nodes:
         for name, value in parts(parent.props):
             if isinstance(value, mi.Properties.ResolvedReference) and not name.startswith("_"):

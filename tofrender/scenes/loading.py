@@ -197,7 +197,7 @@ def load_plugin(what: str, description: Mapping[str, Any], kind: type = object) 
 
 
 def require_sensor(scene: mi.Scene, number: Any = 0, name: str = "sensor") -> mi.Sensor:
-    """Return the scene's sensor with an index, and refuse a scene without sensors."""
+    """Return the scene's sensor with an index. Raise an error for a scene without sensors."""
     sensors = scene.sensors()
     if not sensors:
         raise ValueError("scene: sensor is missing. Add a sensor, for example a perspective camera")

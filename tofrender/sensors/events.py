@@ -196,7 +196,7 @@ class SpadRow:
     def _with_blocking(
         self, keys: np.ndarray, blocking: Pending, layout: KeyLayout
     ) -> tuple[np.ndarray, Any]:
-        """Add avalanches of the chunk before to sorted keys, and return which these are."""
+        """Add avalanches of the previous chunk to sorted keys. Return keys and a mask of these."""
         if not blocking.pixel.size:
             return keys, np.False_
         keys = np.concatenate([layout.keys_of(blocking), keys])

@@ -42,7 +42,7 @@ def phase_of(I: Any, Q: Any) -> np.ndarray:
 
 
 def _frequencies_first(name: str, values: Any, frequencies: Sequence[float]) -> Any:
-    """Bring the axis `frequency` of a DataArray to the front; others stay as they are."""
+    """Move the axis `frequency` of a DataArray to the front. Return other data unchanged."""
     import xarray as xr  # Slow: rendering does not need it
 
     if not isinstance(values, xr.DataArray):
@@ -62,7 +62,7 @@ def _frequencies_first(name: str, values: Any, frequencies: Sequence[float]) -> 
 
 
 def _of_same_axes(I: Any, Q: Any) -> Any:
-    """Return Q in the order of the axes of I. Refuse DataArrays with different axes or labels."""
+    """Return Q in the order of the axes of I. Raise an error if axes or labels differ."""
     import xarray as xr  # Slow: rendering does not need it
 
     if not (isinstance(I, xr.DataArray) and isinstance(Q, xr.DataArray)):

@@ -361,12 +361,12 @@ class KnotPulse(SampledPulse):
 def _integral_of_exponentials(
     knots: np.ndarray, levels: np.ndarray, edges: np.ndarray
 ) -> np.ndarray:
-    """Integral from the first knot up to each edge, of a function with a linear logarithm."""
+    """Integrate a function with a linear logarithm from the first knot up to each edge."""
     widths = np.diff(knots)
     slopes = np.diff(np.log(levels))
 
     def fraction(slope: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Integral of exp(slope u) over u from 0 to x."""
+        """Return the integral of exp(slope u) over u from 0 to x."""
         small = np.abs(slope) < 1e-9
         safe = np.where(small, 1.0, slope)
         return np.where(small, x, np.expm1(safe * x) / safe)

@@ -183,7 +183,7 @@ def focus_laser(
         The point [m], shape (3,).
 
     Raises:
-        ValueError: Not exactly one of the three is given, an argument is out of range, or the pixel
+        ValueError: Not exactly one of the three is set, an argument is out of range, or the pixel
             sees no surface.
 
     Example:

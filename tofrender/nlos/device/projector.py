@@ -273,7 +273,9 @@ def _pulse(props: mi.Properties) -> tuple[float, Pulse | None]:
 
     # A histogram
     if values is None:
-        raise ValueError("pulse_values: are missing; must be given if pulse_type is 'histogram'")
+        raise ValueError(
+            "pulse_values are missing. Add them, or choose a pulse_type other than 'histogram'"
+        )
     from ...signals.pulses import SampledPulse
 
     return 0.0, SampledPulse(numbers("pulse_values", values).ravel(), start, bin_width)
@@ -290,7 +292,7 @@ def _spots(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     # All three lists must be given
     for name in LISTED:
         if name not in given:
-            raise ValueError(f"{name}: is missing; must be given with {given[0]}")
+            raise ValueError(f"{name} is missing. Add it, because {given[0]} is set")
     positions, sigmas, powers = (numbers(name, listed[name]).ravel() for name in LISTED)
 
     # The sizes must fit

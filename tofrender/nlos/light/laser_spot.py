@@ -62,7 +62,7 @@ def counted_lanes(
     active: mi.Bool,
     off_wall: mi.Bool | bool = False,
 ) -> mi.Bool:
-    """Return the lanes in which a path counts, by the filters of the scan.
+    """Return the lanes in which the scan includes the path, by the filters of the scan.
 
     Args:
         scan: The scan, with its filters `hidden_only` and `bounces`.
