@@ -24,7 +24,7 @@ _get, __dir__, __all__ = attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for when it is asked for; plugin classes follow the active variant."""
+    """Import a name at its first use. Plugin classes follow the active variant."""
     return plugins.plugin(name) if name in plugins.PLUGINS else _get(name)
 
 

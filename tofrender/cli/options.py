@@ -420,7 +420,7 @@ def check_format(format: str, precision: str) -> None:
 
 
 def load_render(out: Path, option: str) -> xr.Dataset:
-    """Load a render from a folder of `tofrender render`.
+    """Load a render from a folder that `tofrender render` wrote.
 
     Args:
         out: The folder.

@@ -95,7 +95,7 @@ class DatasetLayout:
         for array in self.arrays:
             if made[array.name].shape != array.shape:
                 raise ValueError(
-                    f"{array.name} has the shape {made[array.name].shape}, and {array.shape} in the "
+                    f"{array.name} has the shape {made[array.name].shape}, but {array.shape} in "
                     "other records. All records must have the same shape"
                 )
 
@@ -182,7 +182,7 @@ def layout_of(config: Config, records: list[int]) -> DatasetLayout:
 
 
 def _names(outputs: Outputs, capture_mode: str | None) -> list[str]:
-    """Return the names of the arrays of these outputs."""
+    """Return the names of the arrays that these outputs contain."""
     rendered = ("transient", "steady", "noisy", "phasor", "depth", "normals")
     names = [name for name in rendered if getattr(outputs, name)]
     capture = outputs.capture

@@ -231,7 +231,7 @@ def _numbers(config: Config, only: Iterable[int] | None) -> list[int]:
 
 
 def _recipe(plan: DatasetPlan) -> dict[str, Any]:
-    """Return what must be equal if an unfinished data set is resumed."""
+    """Return the values that must be equal if an unfinished data set is resumed."""
     layout = plan.layout
     return {
         "config": {name: value for name, value in plan.config.plain.items() if name != "records"},

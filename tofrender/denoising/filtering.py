@@ -242,7 +242,7 @@ def _sum(values: Sequence[mi.Float], colors: int) -> mi.Float:
 
 
 def _is_like_neighbors(variance: np.ndarray) -> np.ndarray:
-    """Return whether each block's variance is at most `NOISIER` times that in each neighbor."""
+    """Return whether each block's variance is at most `NOISIER` times each neighbor's."""
     steady = uniform_filter(variance, (1, 1, POOL), mode="nearest")
     return steady <= NOISIER * minimum_filter(steady, (POOL, POOL, 1), mode="nearest")
 

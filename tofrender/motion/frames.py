@@ -245,7 +245,7 @@ def render_frame(job: Job, time_s: float, shutter: Shutter) -> xr.Dataset:
 
 
 def _posed_job(job: Job, found: bool = True) -> Job:
-    """Return the job of a scene's present pose, with the window that is `found` or one of its own.
+    """Return the job of a scene's present pose, with its window if `found`, otherwise a new window.
 
     The data that a plan keeps of a scene may depend on the pose.
     """

@@ -218,7 +218,7 @@ def dimensions(mode: str) -> dict[str, tuple[str, ...]]:
 
 
 def as_capture(dataset: Any) -> Any:
-    """Convert the photon counts of a capture, as measured by `sense`, to a capture.
+    """Convert photon counts that `sense` simulated from a capture to a capture.
 
     Args:
         dataset: A capture, or a result of `sense` with the geometry of a capture.

@@ -51,7 +51,7 @@ class CaptureSetup:
 
     @property
     def fingerprint_entries(self) -> dict[str, Any]:
-        """Return what else determines a capture, next to scene, sensor and integrator."""
+        """Return the values that determine a capture, next to scene, sensor and integrator."""
         wall = [f"{shape.id()} {shape_digest(shape)[:8]}" for shape in self.wall]
         return {"mode": self.mode, "relay_wall": wall}
 

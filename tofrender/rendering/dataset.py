@@ -140,7 +140,7 @@ def in_channels(dataset: Any, halves: bool = False) -> Any:
 
 
 def for_file(dataset: Any, halves: bool = False) -> xr.Dataset:
-    """Convert a Dataset of `render`, or a part of it, to the layout and the labels of files.
+    """Convert a result of `render`, or a part of it, to the layout and the labels of files.
 
     The attribute `energy_outside_window` is updated for the part.
 

@@ -154,7 +154,7 @@ class StoredFilm(GroupStore[WorkItem, TileReceipt]):
 
 @status("Writing Zarr")
 def save_zarr(dataset: Annotated[xr.Dataset, RENDERED], path: str | os.PathLike[str]) -> xr.Dataset:
-    """Write a Dataset of `render` as a film on disk, tile by tile.
+    """Write a result of `render` as a film on disk, tile by tile.
 
     See also `load_zarr`.
 

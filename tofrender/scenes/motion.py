@@ -73,7 +73,7 @@ class Motion:
 
     @property
     def _axis_point(self) -> np.ndarray:
-        """A point of the axis at the time 0 [m]; the origin if the part does not rotate."""
+        """Return a point of the axis at the time 0 [m], or the origin without rotation."""
         if self.rotation_center is not None:
             return np.array(self.rotation_center)
         if any(self.angular_velocity):

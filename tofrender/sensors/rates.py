@@ -63,7 +63,7 @@ class Rates:
     def result(
         self, name: str, dims: Any, values: Any, units: str, step: Any = (1, 1), **coords: Any
     ) -> xr.Dataset:
-        """Create a Dataset of what a sensor measures.
+        """Create a Dataset of a sensor's measurements.
 
         The number of cycles is a variable, so that it is correct in a sum of two Datasets.
 

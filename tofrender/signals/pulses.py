@@ -95,7 +95,7 @@ class GaussianPulse:
 
     @property
     def _variable_width(self) -> Any:
-        """Width with gradients, or width that a fit changes between kernels; otherwise None."""
+        """Return the width if it has gradients, or if a fit changes it; otherwise return None."""
         width = self._width
         if dr.grad_enabled(width) or (width is not None and width.state == dr.VarState.Evaluated):
             return width

@@ -52,7 +52,7 @@ class Transient:
         bin_width_opl: float | None = None,
         quantity: str | None = None,
     ):
-        """Read a Dataset of `render`, or an array with its time axis. Stokes vectors become S0."""
+        """Read a result of `render`, or an array with its time axis. Stokes vectors become S0."""
         first = (0, 0)
         if quantity is not None:
             checks.one_of("quantity", quantity, QUANTITIES)

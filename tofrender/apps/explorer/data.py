@@ -79,7 +79,7 @@ class ExplorerData:
 
 
 def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
-    """Check a Dataset that `explore` supports, and prepare what an explorer shows of it."""
+    """Check a Dataset that `explore` supports, and prepare the data that an explorer shows."""
     checks.require("data", data, isinstance(data, xr.Dataset), "an xarray.Dataset")
     if distance_m is not None:
         distance_m = by_pixel(distance_m, data, "distance_m")

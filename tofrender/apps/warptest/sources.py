@@ -138,7 +138,7 @@ class Module:
         return Case(sample, pdf, subject.domain, label)
 
     def refresh(self) -> bool:
-        """Return whether a file has changed since the last call; then the process is restarted."""
+        """Restart the process if a file has changed, and return whether a file has changed."""
         stats = {path.name: path.stat() for path in self._files()}
         states = {name: (each.st_mtime_ns, each.st_size) for name, each in stats.items()}
         if states == self._states:

@@ -349,7 +349,7 @@ class _Comparison:
 
 
 def _hint(hint: str) -> list[str]:
-    """Return the line of a hint; no line for an empty hint."""
+    """Return a list with the line of a hint, or an empty list for an empty hint."""
     return [f"{HINT}{hint}"] if hint else []
 
 

@@ -52,7 +52,7 @@ class Forbidden(Exception):
 
 
 def refuse(what: str) -> NoReturn:
-    """Raise `Forbidden`; `what` is the feature with a verb, for example "mi.warp is"."""
+    """Raise `Forbidden`. `what` is the feature with a verb, for example "mi.warp is"."""
     raise Forbidden(f"{what} not allowed in this problem: write it yourself")
 
 
