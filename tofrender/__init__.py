@@ -24,12 +24,12 @@ _get, __dir__, __all__ = attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for when it is asked for; plugin classes follow the active variant."""
+    """Import a name at its first use. Plugin classes follow the active variant."""
     return plugins.plugin(name) if name in plugins.PLUGINS else _get(name)
 
 
 def _is_command() -> bool:
-    """Whether Python runs for the `tofrender` command, or for one of our modules by -m."""
+    """Return whether Python runs for the `tofrender` command, or for one of our modules by -m."""
     program = sys.argv[0] if sys.argv else ""
     if program != "-m":
         return PurePath(program).stem == "tofrender"

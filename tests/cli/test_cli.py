@@ -255,7 +255,8 @@ def test_help_says_types_ranges_and_defaults(capsys):
         "--start-opl NUMBER ",
         "--bin-width NUMBER ",
         "--seed N Seed of all random numbers (0 to 4294967295). [default: 0]",
-        "--format NAME Files of the transient: frames, png, multipart, npz, zarr.",
+        "--format NAME File format of the transient (one EXR per bin, one PNG per bin, ",
+        ": frames, png, multipart, npz, zarr.",
         "--size WxH ",
     ):
         assert text in words

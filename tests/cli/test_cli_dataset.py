@@ -72,7 +72,7 @@ def test_all_and_one_of_them(config, tmp_path, capsys):
         (["--out", "x.zarr", "--only", "x"], "--only = x: must be indices of records, like 17 or"),
         (["--out", "x.zarr", "--only", "3-1"], "--only = 3-1: must be indices of records, like 17"),
         (["--out", "x.zarr", "--only", "9"], "only = 9: must be an integer from 0 to 3"),
-        (["--out", "x.zarr", "--resume"], "--resume: no run that makes x.zarr was stopped. Remove"),
+        (["--out", "x.zarr", "--resume"], "--resume: x.zarr has no stopped run. Remove"),
         (["--out", "x.zarr", "--workers", "0"], "--workers = 0: must be an integer from 1 to 1024"),
     ],
 )

@@ -224,7 +224,11 @@ IN_SCENE = [
     ("vary.made_of.material", "bell", "vary.made_of.material = 'bell':"),
     ("vary.made_of.values", ["gloss", "gloss"], "values = 'gloss': is not known, did you mean gla"),
     ("vary.lamp.path", "light.emiter.radiance", "emiter: is not known, did you mean emitter?"),
-    ("vary.lamp.path", "light.emitter.radiance.value.x", "nothing is inside of what is before 'x'"),
+    (
+        "vary.lamp.path",
+        "light.emitter.radiance.value.x",
+        "the part before 'x' contains no further parts",
+    ),
     ("vary.lamp.path", "light.emitter", "is a table, and cannot become"),
     ("vary.lamp.path", "sensor.film.width", "film is the same in all records"),
     ("vary.lamp.high", [1, 2], "vary.lamp.path = 'light.emitter.radiance':"),

@@ -67,7 +67,7 @@ def transient_to_phasor(
 
     Raises:
         ValueError: Shape, frequency or time axis are invalid, a value is not finite, or attributes
-            of a Dataset are missing; one line.
+            of a Dataset are missing.
 
     Warns:
         UserWarning: The Dataset's window lost more than 1 % of the energy.
@@ -183,10 +183,14 @@ def _four_axes(cube: Cube) -> Cube:
 
 
 def _agreeing(given: Mapping[str, Any], dataset: xr.Dataset) -> tuple[float, float, str]:
-    """Return start and width [m] of a Dataset's bins, and its quantity.
+    """Return start and width [m] of a Dataset's bins, and the quantity that the Dataset contains.
+
+    Args:
+        given: The caller's values of `start_opl`, `bin_width_opl` and `quantity`, None if missing.
+        dataset: The Dataset.
 
     Raises:
-        ValueError: A given value differs from the Dataset's value; one line.
+        ValueError: An attribute is missing, or the caller's value differs from the Dataset.
     """
     # Check the attributes
     if dataset.attrs.get("camera_unwarp"):

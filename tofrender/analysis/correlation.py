@@ -37,7 +37,7 @@ def four_bucket(
 
     Raises:
         ValueError: The shapes do not match, the contrast is out of range, or the offset is negative
-            or below contrast x amplitude, because light cannot be negative; one line.
+            or below contrast x amplitude, because light cannot be negative.
 
     Example:
         >>> buckets = four_bucket(0.0, 2.0, offset=3.0, contrast=0.5)
@@ -93,7 +93,7 @@ def from_four_bucket(
         (I, Q, offset), float64.
 
     Raises:
-        ValueError: The shapes do not match, or the contrast is out of range; one line.
+        ValueError: The shapes do not match, or the contrast is out of range.
 
     Example:
         >>> [float(v) for v in from_four_bucket(1.5, 2.0, 1.5, 1.0, contrast=0.5)]
@@ -136,7 +136,7 @@ def multipath_error(depth: Any, true_depth: Any, range_m: float | None = None) -
         depths is not finite. Without any finite error, the statistics are NaN as well.
 
     Raises:
-        ValueError: The shapes do not match, or the range is not above 0; one line.
+        ValueError: The shapes do not match, or the range is not above 0.
 
     Example:
         >>> measured = np.array([[7.4, 2.1]])
@@ -186,7 +186,7 @@ def true_depth(scene: Any, sensor: int = 0) -> np.ndarray:
         the integrator of the scene has `hide_emitters`. NaN if the ray hits no surface.
 
     Raises:
-        ValueError: The scene is invalid, or does not contain the sensor; one line.
+        ValueError: The scene is invalid, or does not contain the sensor.
         BackendError: The active variant is a scalar variant.
 
     Example:

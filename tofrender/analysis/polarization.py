@@ -25,7 +25,7 @@ def degree_of_polarization(stokes: Annotated[Any, STOKES_VECTORS], axis: int = A
         in an array. NaN without light.
 
     Raises:
-        ValueError: The number of components is not four; one line.
+        ValueError: The number of components is not four.
 
     Example:
         >>> degree_of_polarization([2.0, 0.0, 1.2, 1.6], axis=0).round(6)

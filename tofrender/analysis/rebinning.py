@@ -34,7 +34,8 @@ def rebin(
 ) -> xr.Dataset:
     """Sum the bins of a Dataset to fewer bins or to another window, and average its pixels.
 
-    The light of an old bin that is cut is divided evenly. Standard errors are removed, because the
+    If an edge of a new bin cuts an old bin, the light of the old bin is divided in proportion to
+    the lengths of the pieces. Standard errors are removed, because the
     errors of neighboring bins are not independent. Variables that only `denoise` needs are removed
     as well.
 
@@ -51,7 +52,7 @@ def rebin(
 
     Raises:
         ValueError: The Dataset is not supported, new bins are narrower than old bins or outside the
-            window, or new pixels do not divide the film; one line.
+            window, or new pixels do not divide the film.
 
     Example:
         >>> import tofrender

@@ -25,7 +25,7 @@ def unambiguous_range(frequency_hz: float | Sequence[float]) -> float:
             together. Their ratios are approximated by fractions with denominators up to a million.
 
     Raises:
-        ValueError: A frequency is missing, not finite, or not above 0; one line.
+        ValueError: A frequency is missing, not finite, or not above 0.
 
     Example:
         >>> round(unambiguous_range(50e6), 3), round(unambiguous_range([20e6, 50e6]), 3)
@@ -75,7 +75,7 @@ def unwrap(
 
     Raises:
         ValueError: There are fewer than two frequencies, the shapes do not match, an amplitude is
-            negative, or `max_depth` is out of range; one line.
+            negative, or `max_depth` is out of range.
 
     Example:
         >>> frequencies = (20e6, 50e6)  # ranges of 7.5 m and 3.0 m

@@ -178,7 +178,7 @@ class CausticPhotons:
     def _trace(
         self, sampler: mi.Sampler, ray: mi.Ray3f, measurement: Measurement, active: mi.Bool | bool
     ) -> tuple[Measurement, Path]:
-        """Trace photons; a pilot's measurement learns their cells."""
+        """Trace photons. In a pilot, the measurement learns the cells of the photons."""
         # Sample emission that rays from surfaces could run into
         cell, xi, u_position, u_direction, density = self.table.sample(sampler)
         emitted = self.emission.sample_at(xi, u_position, u_direction, ray)

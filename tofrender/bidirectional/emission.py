@@ -85,7 +85,7 @@ class Emission:
         sensor: The sensor. Distant light starts on a sphere around scene and sensor.
 
     Raises:
-        ValueError: If emitters are missing, or an emitter is not supported; one line.
+        ValueError: If emitters are missing, or an emitter is not supported.
     """
 
     def __init__(self, scene: mi.Scene, sensor: mi.Sensor) -> None:
@@ -140,7 +140,7 @@ class Emission:
     def sample_at(
         self, xi: mi.Float, u_point: mi.Point2f, u_direction: mi.Point2f, ray: mi.Ray3f
     ) -> Emitted:
-        """As `sample`, by uniform numbers for the emitter, the point and the direction."""
+        """Sample as `sample` does, with uniform numbers for emitter, point and direction."""
         # Choose an emitter
         if self.distribution is None:
             index, inverse_pmf, _ = self.scene.sample_emitter(xi)

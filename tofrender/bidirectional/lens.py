@@ -28,7 +28,7 @@ class Lens(Window):
         sensor: The camera.
 
     Raises:
-        ValueError: If connections to the sensor are not supported; one line.
+        ValueError: If connections to the sensor are not supported.
     """
 
     def __init__(self, sensor: mi.Sensor) -> None:

@@ -85,8 +85,8 @@ def answer(command: str, as_json: bool, facts: Any, lines: Iterable[str]) -> Non
     Args:
         command: Name of the command.
         as_json: Whether to print `facts` instead of `lines`.
-        facts: Values of the command's schema.
-        lines: Lines for people.
+        facts: Values of the JSON object, as in the schema of the command.
+        lines: Lines of readable text.
     """
     from tofrender import __version__
 

@@ -68,7 +68,7 @@ def dataset(
             count = require_complete(config, out, only).sizes["record"]
             opt.say(f"{out}: already complete, {count} record{'s' * (count != 1)}")
             return
-        raise ValueError(f"--resume: no run that makes {out} was stopped. Remove the option")
+        raise ValueError(f"--resume: {out} has no stopped run. Remove the option, or correct --out")
     with processes.client() as client:
         made = make_dataset(
             config, out, only=only, client=client, resume=resume, tell=opt.note, again=AGAIN

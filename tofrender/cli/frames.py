@@ -72,7 +72,7 @@ class Animation:
 
 
 def check_single(out: Path, files: opt.Files, options: Mapping[str, Any]) -> None:
-    """Refuse options that cannot be combined with --frames.
+    """Raise a ValueError for options that cannot be combined with --frames.
 
     Args:
         out: Folder to write.
@@ -237,7 +237,7 @@ def _listed(folder: Path) -> dict[str, Any]:
 
 
 def _require_same(out: Path, earlier: dict[str, Any], recipe: dict[str, Any]) -> None:
-    """Refuse to continue frames that were rendered with other settings."""
+    """Raise a ValueError if the frames to continue were rendered with other settings."""
     for name, value in recipe.items():
         if earlier.get(name) != value:
             raise ValueError(

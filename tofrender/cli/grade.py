@@ -22,7 +22,7 @@ MAX_JOBS = 256
 RESULTS = "Results file to write. With --all, folder of results files."
 ROSTER = (
     "With --all, CSV file of the class with the column id, and optionally name, email, section "
-    "and submission."
+    "and submission. By default, each submission is a row of --csv."
 )
 SHEET = (
     "With --all, CSV file of manual entries with the column id, and optionally late_days, "
@@ -30,8 +30,9 @@ SHEET = (
     "ids of problems (points that replace those of the tests) and of parts graded by hand."
 )
 COLUMNS = (
-    'With --all, a column of --csv, for example "SIS Login ID=email". Repeat the option for more '
-    "columns. FIELD is id, name, email, section, submission, total, the id of a problem, "
+    'With --all, write the column NAME with the values of FIELD to --csv, e.g. "Login ID=email". '
+    "Repeat the option for more columns. By default, the file has the columns that roster, tests "
+    "and sheet fill. FIELD is id, name, email, section, submission, total, the id of a problem, "
     "late_days, lost_late, note or reason."
 )
 FORMATS = ("gradescope", "prairielearn", "classroom50", "junit")
@@ -180,7 +181,7 @@ def _write_pages(class_: Class, folder: Path) -> None:
 
 
 def _check_one(submission: Path, out: Path | None, of_class: ClassFiles) -> Path:
-    """Refuse options that cannot be combined, and return the results file."""
+    """Return the results file, and raise a ValueError if options cannot be combined."""
     submission = checks.path("--submission", submission)
     if not submission.is_dir() and not submission.is_file():
         raise ValueError(
@@ -206,7 +207,14 @@ def _check_one(submission: Path, out: Path | None, of_class: ClassFiles) -> Path
 def _check_class(
     everyone: Path, out: Path | None, csv: Path | None, feedback: Path | None, jobs: int
 ) -> tuple[Path, Path]:
-    """Refuse options that cannot be combined; return the folder of results and the CSV file."""
+    """Check the options for a class.
+
+    Returns:
+        The folder of results, and the CSV file.
+
+    Raises:
+        ValueError: Options cannot be combined, or a value is wrong.
+    """
     _require_folder("--all", everyone)
     if csv is None:
         raise ValueError("--csv is missing. Add the file to write, for example grades.csv")
@@ -298,7 +306,9 @@ def _archive(platform: str, assignment: str, out: Path, time_limit: float, memor
 def similarity(
     assignment: Name,
     everyone: Annotated[Path, named("DIR", "Folder with the submissions of a class.", "--all")],
-    out: Annotated[Path, named("DIR", "New folder for JPlag.", "--out", "-o")],
+    out: Annotated[
+        Path, named("DIR", "Folder to create, with the files that JPlag reads.", "--out", "-o")
+    ],
     old: Annotated[
         Path | None, named("DIR", "Folder with submissions of other terms.", "--old")
     ] = None,

@@ -67,7 +67,7 @@ def lidar(
     variant: opt.Variant = None,
     as_json: Json = False,
 ) -> None:
-    """Scan a scene with a lidar at its sensor's pose.
+    """Scan a scene with a lidar at the sensor's pose.
 
     FILE contains the points of all echoes with intensity, return number and time. The file
     FILE_truth next to FILE contains the true points on the first surfaces of the scene.

@@ -303,13 +303,17 @@ Variant = Annotated[
 ]
 Workers = Annotated[int | None, setting("workers", default=None)]
 Scheduler = Annotated[str | None, setting("scheduler", default=None)]
-Format = Annotated[str, choice(FORMATS, "Files of the transient")]
+FORMAT = (
+    "File format of the transient (one EXR per bin, one PNG per bin, one EXR of all bins, NPZ, "
+    "Zarr)"
+)
+Format = Annotated[str, choice(FORMATS, FORMAT)]
 Precision = Annotated[str, choice(("half", "float"), "Precision of EXR files")]
 Video = Annotated[bool, typer.Option(help="Write video.mp4.")]
 Figure = Annotated[str, choice(("png", "pdf", "svg"), "File type of figures")]
 Dpi = Annotated[
     int | None,
-    integer(20, 2400, "Resolution of figures in dots per inch", show_default="of each figure"),
+    integer(20, 2400, "Resolution of figures in dots per inch", show_default="each figure's own"),
 ]
 
 
@@ -505,7 +509,7 @@ def _naming_out() -> Iterator[None]:
 def check_out(
     out: Path, shape: tuple[int, int, int, int] | None = None, precision: str = "float"
 ) -> None:
-    """Refuse a folder that cannot be written, and a disk too small for a transient of `shape`."""
+    """Raise an error if a folder cannot be written, or a disk is too small for this transient."""
     from tofrender.io import check_output
 
     with _naming_out():
@@ -514,19 +518,19 @@ def check_out(
 
 
 def check_file_out(out: Path, *suffixes: str, overwrite: bool = False) -> None:
-    """Refuse a file that cannot be written."""
+    """Raise an error if a file cannot be written, or has none of the suffixes."""
     with _naming_out():
         check_file(out, *suffixes, overwrite=overwrite, needed_bytes=FIGURE_BYTES)
 
 
 def check_disk_space(out: Path, *counts: int) -> None:
-    """Refuse a disk too small for arrays of float32 with these numbers of values."""
+    """Raise an OSError if the disk is too small for float32 arrays with these numbers of values."""
     with _naming_out():
         check_writable(out, 4 * sum(counts) + FIGURE_BYTES)
 
 
 def check_apart(out: Path, source: Path) -> None:
-    """Refuse an output that is the source, inside the source, or a parent of the source.
+    """Raise a ValueError if an output is the source, inside the source, or a parent of the source.
 
     The command would replace its own input.
     """
@@ -537,7 +541,7 @@ def check_apart(out: Path, source: Path) -> None:
 
 
 def load_render(out: Path, option: str) -> xr.Dataset:
-    """Load a render from a folder of `tofrender render`.
+    """Load a render from a folder that `tofrender render` wrote.
 
     Args:
         out: The folder.

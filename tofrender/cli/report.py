@@ -164,7 +164,7 @@ def _load_gate(path: Path) -> xr.Dataset:
 
 
 def _load_phasors(paths: list[Path]) -> xr.Dataset:
-    """Load I and Q from the files of `tofrender phasor`."""
+    """Load I and Q from the files that `tofrender phasor` wrote."""
     import numpy as np
     import xarray as xr
 

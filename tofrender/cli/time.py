@@ -109,7 +109,7 @@ def gate(
         float | None,
         opt.positive(
             "meters",
-            "Standard deviation of the Gaussian gate [m]",
+            "Standard deviation of the gate, a Gaussian pulse [m]",
             show_default=f"the scene's pulse, otherwise {GATE_WIDTH}",
         ),
     ] = None,
@@ -232,13 +232,13 @@ def _gated(scene: Any, pulse_width: float | None) -> Any:
 
 
 def values(sensor: Any) -> int:
-    """Return the number of values of the sensor's picture with three channels."""
+    """Return the number of values, width x height x 3, in a color image of the sensor."""
     width, height = sensor.film().crop_size()
     return 3 * int(width) * int(height)
 
 
 def first_pixel(sensor: Any) -> tuple[int, int]:
-    """Return the column and the row of the first pixel of the sensor's picture."""
+    """Return the column and the row of the first pixel of the sensor's image."""
     column, row = sensor.film().crop_offset()
     return int(column), int(row)
 

@@ -13,7 +13,9 @@ HEADINGS = ("recording", "poses", "correlation", "of logarithms", "first peak", 
 
 
 def twin(
-    source: Annotated[Path, opt.argument("FOLDER", "Folder with the data set LCSPC.")],
+    source: Annotated[
+        Path, opt.argument("FOLDER", "Copy of the data set github.com/uwgraphics/LCSPCData.")
+    ],
     out: opt.Out,
     spp: Annotated[int, opt.setting("spp", default=None)] = 4,
     seed: opt.Seed = 0,
@@ -24,7 +26,7 @@ def twin(
 ) -> None:
     """Compare the twin of a real sensor with the chip.
 
-    FOLDER is a copy of github.com/uwgraphics/LCSPCData. The command renders each pose of four
+    The command renders each pose of four
     recordings, calibrates the sensor on 32 poses of tall_block, and compares rendered and measured
     counts of all other poses. It writes twin.json with all numbers, and figures of the histograms.
 

@@ -21,7 +21,9 @@ def view(
             "Folder or file of another command, or with --live a built-in scene or an XML file.",
         ),
     ],
-    live: Annotated[bool, opt.switch("--live", "Render a scene progressively.")] = False,
+    live: Annotated[
+        bool, opt.switch("--live", "Render a scene progressively, instead of opening a file.")
+    ] = False,
     spp: opt.Spp = None,
     size: opt.Pixels = None,
     max_depth: opt.MaxDepth = None,

@@ -89,7 +89,7 @@ def write(dataset: xr.Dataset, out: Path, files: opt.Files) -> list[str]:
 
 
 def _write_transient(dataset: xr.Dataset, folder: Path, files: opt.Files) -> None:
-    """Write the time bins and their sum; for Zarr the sum only."""
+    """Write the time bins and their sum. For Zarr, write the sum only."""
     from tofrender import io, vis
     from tofrender.io.pictures import write_png
     from tofrender.rendering.dataset import components_of

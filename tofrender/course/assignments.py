@@ -31,7 +31,7 @@ class Assignment:
 
     @property
     def solutions(self) -> Path:
-        """Folder of correct solutions, written independently of the package; only staff has it."""
+        """Return the folder of correct solutions, which only the staff has."""
         return self.folder / "solutions"
 
     @property

@@ -147,7 +147,7 @@ class Rubric:
 
     @cached_property
     def problem_by_test(self) -> dict[str, Problem]:
-        """Problem of a test, by the test's id."""
+        """Return the problem of each test, by the test's id."""
         return {test.id: problem for problem in self.problems for test in problem.tests}
 
     @property

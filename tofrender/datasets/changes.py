@@ -246,9 +246,9 @@ def _target(scene: Dict, varied: Varied) -> tuple[str, Any]:
 
 
 def _entry(where: str, path: str, part: Any, key: str) -> Any:
-    """Return an entry of a dict, and refuse a key that the dict does not contain."""
+    """Return an entry of a dict. Raise an error for a key that the dict does not contain."""
     if not isinstance(part, dict):
-        raise ValueError(f"{where} = {path!r}: nothing is inside of what is before {key!r}")
+        raise ValueError(f"{where} = {path!r}: the part before {key!r} contains no further parts")
     if key not in part:
         raise ValueError(unknown(f"{where} = {path!r}: {key}", key, list(part)))
     return part[key]
@@ -289,18 +289,18 @@ def _like(where: str, varied: Varied, old: Any, value: Any) -> Any:
 
 
 def _is_numeric(value: Any) -> bool:
-    """Whether a value is a number or a list of numbers."""
+    """Return whether a value is a number or a list of numbers."""
     entries = value if isinstance(value, list | tuple) else [value]
     return all(isinstance(n, int | float) and not isinstance(n, bool) for n in entries)
 
 
 def _is_reference(part: Any) -> bool:
-    """Whether a part refers to another part of the scene."""
+    """Return whether a part refers to another part of the scene."""
     return isinstance(part, dict) and part.get("type") == "ref"
 
 
 def _is_camera(part: Mapping[str, Any]) -> bool:
-    """Whether a plugin is a sensor."""
+    """Return whether a plugin is a sensor."""
     kind = str(part.get("type"))
     return kind in CAMERAS or kind.endswith(("camera", "meter"))
 

@@ -228,7 +228,7 @@ def _plugins(name: str, value: Any) -> dict[str, dict[str, Any]]:
 
 
 def _require_plain(where: str, value: Any) -> None:
-    """Refuse a value that plugins do not support.
+    """Raise a ValueError if plugins do not support a value.
 
     Some of these values would end the process in Mitsuba's parser.
     """
@@ -363,7 +363,7 @@ def parse_config(given: dict[str, Any], folder: Path) -> Config:
 
 
 def _require_once(varied: Mapping[str, Varied], fixed: Mapping[str, Mapping[str, Any]]) -> None:
-    """Refuse a part of the scene that is varied twice, or is varied and has a fixed value."""
+    """Raise a ValueError if a part of the scene is varied twice, or also has a fixed value."""
     owners: dict[tuple[str, str], str] = {}
     for name, each in varied.items():
         part = (each.target, str(each.part))

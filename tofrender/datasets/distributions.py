@@ -44,13 +44,13 @@ def parse_distribution(where: str, table: Table) -> Distribution:
 
 
 def _uniform(where: str, table: Table) -> Distribution:
-    """Uniform distribution from `low` to `high`."""
+    """Return a uniform distribution from `low` to `high`."""
     ranges, single = _ranges(where, table)
     return _of_entries(lambda u, a, b: a + u * (b - a), ranges, ranges, single)
 
 
 def _log_uniform(where: str, table: Table) -> Distribution:
-    """Distribution with a uniform logarithm."""
+    """Return a distribution of values whose logarithm is uniform."""
     ranges, single = _ranges(where, table)
     least = min(low for low, _ in ranges)
     checks.require(f"{where}.low", table["low"], least > 0, "above 0 with log_uniform")
@@ -58,7 +58,7 @@ def _log_uniform(where: str, table: Table) -> Distribution:
 
 
 def _normal(where: str, table: Table) -> Distribution:
-    """Normal distribution, truncated to `low` and `high` if these are set."""
+    """Return a normal distribution, truncated to `low` and `high` if these are set."""
     from scipy.special import ndtr, ndtri
 
     # Read the parameters, and repeat single numbers
@@ -98,7 +98,7 @@ def _of_entries(
     ranges: Sequence[tuple[float, float]],
     single: bool,
 ) -> Distribution:
-    """Distribution with independent entries.
+    """Return a distribution with independent entries.
 
     Args:
         quantile: Quantile function. Its arguments are a number in (0, 1) and the parameters.
@@ -119,7 +119,7 @@ def _of_entries(
 
 
 def _choice(where: str, table: Table) -> Distribution:
-    """Choice of one of `values`, with probabilities proportional to `weights`."""
+    """Return a choice among `values`, with probabilities proportional to `weights`."""
     given = table.get("values")
     if not isinstance(given, list | tuple) or not given:
         raise ValueError(f"{where}.values = {given!r}: must be a list of one value or more")
@@ -136,7 +136,7 @@ def _choice(where: str, table: Table) -> Distribution:
 
 
 def _one_of(values: tuple[Any, ...], weights: Numbers) -> Distribution:
-    """Choice of one of some checked values."""
+    """Return a choice among values that have been checked."""
 
     def draw(source: Source) -> Any:
         left = source.number() * math.fsum(weights)
@@ -156,14 +156,14 @@ def _one_of(values: tuple[Any, ...], weights: Numbers) -> Distribution:
 
 
 def _fixed(where: str, table: Table) -> Distribution:
-    """Distribution with the same value in all records."""
+    """Return a distribution with the same value in all records."""
     if "value" not in table:
         raise ValueError(f"{where}.value: must be given with fixed")
     return _one_of((_plain(f"{where}.value", table["value"]),), (1.0,))
 
 
 def _subset(where: str, table: Table) -> Distribution:
-    """Random subset of names. The size is uniform, and subsets of equal size are equally likely."""
+    """Return random subsets of names. All sizes, and all subsets of a size, are equally likely."""
     names = tuple(table.get("present", ()))
     least = checks.integer(f"{where}.least", table.get("least", 0), 0, len(names))
     most = checks.integer(f"{where}.most", table.get("most", len(names)), least, len(names))
@@ -178,7 +178,7 @@ def _subset(where: str, table: Table) -> Distribution:
 
 
 def _on_sphere(where: str, table: Table) -> Distribution:
-    """Point on a sphere or on a cap of the sphere, uniform by area. The radius is uniform, too."""
+    """Return points on a sphere or on a cap of it, uniform by area, with a uniform radius."""
     # Check center and radius
     center = checks.point(f"{where}.center", table.get("center", [0.0, 0.0, 0.0]))
     radius = _numbers(f"{where}.radius", table.get("radius"))

@@ -91,12 +91,12 @@ class DatasetLayout:
         return sum(array.bytes for array in self.arrays)
 
     def check(self, made: Mapping[str, np.ndarray]) -> None:
-        """Refuse a record if one of its arrays has another shape than in the other records."""
+        """Raise a ValueError if an array of a record has another shape than in other records."""
         for array in self.arrays:
             if made[array.name].shape != array.shape:
                 raise ValueError(
-                    f"{array.name} has the shape {made[array.name].shape}, those of other records "
-                    f"{array.shape}; must be the same in all"
+                    f"{array.name} has the shape {made[array.name].shape}, but {array.shape} in "
+                    "other records. All records must have the same shape"
                 )
 
 
@@ -129,7 +129,7 @@ def layout_of(config: Config, records: list[int]) -> DatasetLayout:
     if outputs.rendered or outputs.noisy or capture or config.sense is not None:
         if time_bins(film) is None:
             raise ValueError(
-                "render.temporal_bins: must be given, and window, as the scene has no time bins"
+                "render.temporal_bins: must be given, and window, since the scene has no time bins"
             )
         timed = windowed_film(film, None, None)
         height, width, bins, channels = timed.shape
@@ -182,7 +182,7 @@ def layout_of(config: Config, records: list[int]) -> DatasetLayout:
 
 
 def _names(outputs: Outputs, capture_mode: str | None) -> list[str]:
-    """Return the names of the arrays of these outputs."""
+    """Return the names of the arrays that these outputs contain."""
     rendered = ("transient", "steady", "noisy", "phasor", "depth", "normals")
     names = [name for name in rendered if getattr(outputs, name)]
     capture = outputs.capture

@@ -186,7 +186,7 @@ def require_complete(
     out: str | os.PathLike[str],
     only: Iterable[int] | None = None,
 ) -> xr.Dataset:
-    """Load a finished data set, and refuse it if it was made from another configuration or files.
+    """Load a finished data set. Raise an error if its configuration or files have changed.
 
     Args:
         config: Description of the expected data set.
@@ -231,7 +231,7 @@ def _numbers(config: Config, only: Iterable[int] | None) -> list[int]:
 
 
 def _recipe(plan: DatasetPlan) -> dict[str, Any]:
-    """Return what must be equal if an unfinished data set is resumed."""
+    """Return the values that must be equal if an unfinished data set is resumed."""
     layout = plan.layout
     return {
         "config": {name: value for name, value in plan.config.plain.items() if name != "records"},

@@ -229,15 +229,15 @@ def _captured(
 
 
 def _require_window(layout: DatasetLayout, start_opl: float, bin_width_opl: float) -> None:
-    """Refuse time bins that differ from the time bins of the other records."""
+    """Raise a ValueError if the time bins differ from the time bins of the other records."""
     found = (float(start_opl), float(bin_width_opl))
     if layout.window is None:
         return
     if not np.allclose(found, layout.window, rtol=1e-6, atol=1e-9):
         raise ValueError(
-            f"its time bins start at {found[0]:g} m and are {found[1]:g} m wide, those of others "
-            f"{layout.window[0]:g} m and {layout.window[1]:g} m; must be the same in all: give "
-            "start_opl and bin_width_opl in [render]"
+            f"its time bins start at {found[0]:g} m (width {found[1]:g} m), in other records at "
+            f"{layout.window[0]:g} m (width {layout.window[1]:g} m). Set start_opl and "
+            "bin_width_opl in [render]"
         )
 
 
@@ -252,7 +252,7 @@ LIT = ("transient", "steady", "noisy", "phasor", "capture")
 
 
 def _require_light(name: str, array: np.ndarray) -> None:
-    """Refuse light that is zero or not finite, and depths and normals without a surface."""
+    """Raise a ValueError if light is zero or not finite, or no pixel has depths or normals."""
     if name in LIT:
         checks.finite(name, array)
         if not array.any():

@@ -132,7 +132,7 @@ def parse_varied(name: str, given: Any) -> Varied:
 
 
 def _names(name: str, value: Any) -> list[str]:
-    """Check a list of names, which must differ."""
+    """Return a list of object names. Raise a ValueError if the list is empty or repeats a name."""
     right = isinstance(value, list | tuple) and value and all(isinstance(v, str) for v in value)
     checks.require(name, value, right and len(set(value)) == len(value), "a list of objects' names")
     return list(value)
@@ -157,7 +157,7 @@ LENGTHS: dict[str, tuple[tuple[int, ...], str]] = {
 
 
 def _require_fit(where: str, varied: Varied, kind: str) -> None:
-    """Refuse a distribution if its length, values or bounds do not fit the target."""
+    """Raise a ValueError if length, values or bounds of a distribution do not fit the target."""
     # Check the length of a draw
     target = varied.target
     distribution = varied.distribution

@@ -73,7 +73,7 @@ def denoise_film(
         The filtered mean, float32 (height, width, bins, channels).
 
     Raises:
-        ValueError: If the shapes of the arrays do not fit, or a number is not finite; one line.
+        ValueError: If the shapes of the arrays do not fit, or a number is not finite.
 
     Example:
         >>> rng, ones = np.random.default_rng(0), np.ones((16, 16, 3))
@@ -242,13 +242,13 @@ def _sum(values: Sequence[mi.Float], colors: int) -> mi.Float:
 
 
 def _is_like_neighbors(variance: np.ndarray) -> np.ndarray:
-    """Return whether each block's variance is at most `NOISIER` times that in each neighbor."""
+    """Return whether each block's variance is at most `NOISIER` times each neighbor's."""
     steady = uniform_filter(variance, (1, 1, POOL), mode="nearest")
     return steady <= NOISIER * minimum_filter(steady, (POOL, POOL, 1), mode="nearest")
 
 
 def _checked(features: Mapping[str, np.ndarray], size: tuple[int, int]) -> dict[str, np.ndarray]:
-    """Return the features as float32 arrays; refuse missing, unfitting or infinite features."""
+    """Return the features as float32 arrays. Raise an error for missing or wrong features."""
     complete = isinstance(features, Mapping) and not set(FEATURES) - set(features)
     checks.require("features", features, complete, f"a dict of {', '.join(FEATURES)}")
     arrays = {}

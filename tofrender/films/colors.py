@@ -48,7 +48,7 @@ def units_of(wavelengths: mi.Wavelength) -> list[mi.Color3f]:
 
 
 def channels_by(units: Sequence[mi.Color3f], light: mi.Spectrum) -> list[mi.Float]:
-    """Convert light to channels as `channels_of` does, with the result of `units_of`."""
+    """Convert light to channels as `channels_of` does, with units that `units_of` returned."""
     values: list[mi.Float] = []
     for spectrum in components(light):
         rgb = mi.Color3f(0)

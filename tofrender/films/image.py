@@ -54,7 +54,7 @@ def pixels_of(film: mi.Film) -> dict[str, Any]:
 
 
 def box_by_default(props: mi.Properties) -> None:
-    """Add a box filter to the parameters of a film without filter; refuse an invalid `rfilter`."""
+    """Add a box filter to a film's parameters without filter. A wrong `rfilter` raises an error."""
     kind = mi.ReconstructionFilter
     if "rfilter" in props:
         checks.instance("rfilter", props["rfilter"], kind, "a filter, like {'type': 'tent'}")
@@ -70,7 +70,7 @@ def time_bins(film: mi.Film) -> tuple[int, float, float] | None:
 
 
 def require_resolved(film: mi.Film) -> None:
-    """Refuse time bins that single precision cannot resolve, see `checks.resolved`."""
+    """Raise a ValueError if single precision cannot resolve time bins, see `checks.resolved`."""
     axis = time_bins(film)
     if axis is not None:
         bins, start, width = axis

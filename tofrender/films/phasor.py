@@ -148,7 +148,7 @@ def parse_frequencies(value: Any) -> tuple[float, ...]:
     """Convert a number, a sequence of numbers, or text with commas to a tuple of frequencies [Hz].
 
     Raises:
-        ValueError: If a frequency is out of range; one line.
+        ValueError: If a frequency is out of range.
 
     Example:
         >>> parse_frequencies("20e6, 50e6")

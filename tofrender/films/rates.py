@@ -60,7 +60,7 @@ def rate_film(film: mi.Film, opl: Axis, rate: Axis) -> TransientHDRFilm:
         rate: Bins of the rate of change of path length [m/s].
 
     Raises:
-        ValueError: If the number of all bins is too large; one line.
+        ValueError: If the number of all bins is too large.
     """
     count = opl.count * rate.count
     if count > checks.MAX_BINS:

@@ -44,7 +44,7 @@ def recording(film: mi.Film, exposure: Exposure) -> Recording:
     """Return the recording of an exposure on a film.
 
     Raises:
-        TypeError, ValueError: If the film does not support the exposure; one line.
+        TypeError, ValueError: If the film does not support the exposure.
     """
     if hasattr(film, "recording"):
         return film.recording(exposure)
@@ -119,9 +119,9 @@ class Recording:
         """Raise a `MemoryError` if a film with `spp` samples per pixel cannot be developed."""
 
     def require_no_lengths(self, integrator: str) -> None:
-        """Refuse an integrator that overrides `sample()`, if the film needs path lengths."""
+        """Raise a TypeError: the film needs path lengths, and `sample()` does not report any."""
         raise TypeError(
-            f"integrator = {integrator}: overrides sample(), which does not report path lengths. "
+            f"integrator = {integrator}: its own sample() does not report path lengths. "
             f"Use a steady film instead of {self.film.class_name()}, or another integrator"
         )
 
@@ -251,7 +251,7 @@ class BinRecording(Recording):
         return float(self.film.bin_width_opl) + 0.5 * (high - low)
 
     def require_memory(self, spp: int) -> None:
-        """Refuse a film if bins, flushed bins and the result of `develop` do not fit in memory."""
+        """Raise a MemoryError if bins, flushed bins and the result of `develop` do not fit."""
         # The result has no padding, so it is smaller than the bins
         shape = self.film.shape
         copies = 2 if spp > MAX_ADDED else 1
@@ -299,7 +299,7 @@ class MitransientRecording(BinRecording):
         """Accept any film, because the memory of mitransient's film is unknown."""
 
     def prepare(self, spp: int, splats: bool = False, apart: bool = False) -> None:
-        """Clear the film, and refuse splats."""
+        """Clear the film. Raise an error for splats."""
         if splats:
             raise TypeError(
                 f"{self._named(self.film)}: light tracing is not supported. {USE_OUR_FILM}"
@@ -318,12 +318,12 @@ class PhasorRecording(Recording):
     emitters_apart = True
 
     def prepare(self, spp: int, splats: bool = False, apart: bool = False) -> None:
-        """Clear the film, and refuse a film that does not fit into memory."""
+        """Clear the film. Raise an error for a film that does not fit into memory."""
         self.require_memory(spp)
         super().prepare(spp, splats, apart)
 
     def require_memory(self, spp: int) -> None:
-        """Refuse a film if its image and the results do not fit into memory."""
+        """Raise a MemoryError if the film's image and the results do not fit into memory."""
         width, height = (int(n) for n in self.film.crop_size())
         count = len(self.film.frequencies_hz)
         channels = (1 + 2 * count) * self.film.base_channels_count() * stokes_count() + 1

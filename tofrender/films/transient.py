@@ -128,7 +128,7 @@ class TransientHDRFilm(mi.Film):
             The number of the image's channels, including the weight channel.
 
         Raises:
-            MemoryError: If the bins do not fit into memory. The message describes what fits.
+            MemoryError: If the bins do not fit into memory. The message names sizes that fit.
         """
         # Release the old bins before new bins are allocated
         self._bins = self._splats = None
@@ -325,7 +325,7 @@ class TransientHDRFilm(mi.Film):
                 cells.restore(arrays, factor)
 
     def _histograms(self) -> dict[str, Histogram]:
-        """Return the bins of samples and of splats, by name."""
+        """Return the histograms of the film: "bins" for samples, and "splats" if splats exist."""
         splats = {} if self._splats is None else {"splats": self._splats.cells}
         return {"bins": self.bins, **splats}
 
@@ -341,7 +341,7 @@ class TransientHDRFilm(mi.Film):
 
     @staticmethod
     def _prepared(part: T | None) -> T:
-        """Return a part of the film, and refuse a film that is not prepared."""
+        """Return a part of the film. Raise an error for a film that is not prepared."""
         if part is None:
             raise RuntimeError(
                 "transient_hdr_film: the film is empty. Call prepare() or render first"
@@ -372,7 +372,7 @@ class TransientHDRFilm(mi.Film):
                 tiles must set `sample_border`, because seams would otherwise be too dark.
 
         Raises:
-            ValueError: If the tile does not fit; one line.
+            ValueError: If the tile does not fit.
         """
         # Is the tile a part of this film?
         names = "temporal_bins", "start_opl", "bin_width_opl", "size", "rfilter", "sample_border"

@@ -331,7 +331,10 @@ class _Problem:
 
     @staticmethod
     def _top(pulse: KnotPulse) -> int:
-        """Return the index of the largest knot, which is fixed because the pulse is normalized."""
+        """Return the index of the knot with the largest value.
+
+        This value is not fitted, because the pulse is normalized.
+        """
         return int(np.argmax(pulse.values))
 
     def _with(self, sensor: MultiZone, name: str, variables: np.ndarray) -> MultiZone:
@@ -486,7 +489,7 @@ class _Problem:
         return labels + [f"albedo {name}" for name in self.parts[1:]]
 
     def require_determined(self, x: np.ndarray) -> None:
-        """Refuse histograms that do not determine all variables."""
+        """Raise a ValueError if the histograms do not determine all variables."""
         # Are there enough bins?
         jacobian = self.jacobian(x)
         if len(jacobian) < x.size:

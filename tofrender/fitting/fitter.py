@@ -150,7 +150,7 @@ def fit(*args: Any, **options: Any) -> Fit:  # noqa: D417, the record has them
         The values and the history of the fit, see `Fit`.
 
     Raises:
-        ValueError: An argument is invalid, or the light does not depend on any variable; one line.
+        ValueError: An argument is invalid, or the light does not depend on any variable.
         BackendError: The active variant does not support time-resolved rendering.
 
     Warns:
@@ -453,7 +453,7 @@ def _labeled_bins(given: xr.Dataset | xr.DataArray, film: Any, camera_unwarp: bo
 
 
 def _require_same_pixels(target: xr.Dataset, film: Any) -> None:
-    """Refuse pixels or channels that differ from the film's."""
+    """Raise a ValueError if pixels or channels differ from the film's."""
     wanted = pixels_and_channels(film, target.sizes["channel"])
     for axis in ("y", "x", "channel"):
         found = target[axis].values
@@ -505,7 +505,7 @@ def _best(losses: Sequence[float], patience: int) -> tuple[int, float]:
 
 
 def _check_dependence(values: Mapping[str, Any]) -> None:
-    """Warn of values without an effect on the loss, and refuse the fit if no value has any."""
+    """Warn of values without an effect on the loss. Raise an error if no value has an effect."""
     none = [name for name, value in values.items() if dr.all(dr.grad(value) == 0, axis=None)]
     if len(none) == len(values):
         raise ValueError(

@@ -42,7 +42,7 @@ def l2_loss(rendered: Any, target: Any) -> Any:
         The loss, a tensor with one number.
 
     Raises:
-        ValueError: The shapes differ, or the target is black; one line.
+        ValueError: The shapes differ, or the target is black.
 
     Example:
         >>> float(l2_loss(mi.TensorXf([1.0, 2.0]), mi.TensorXf([1.0, 0.0])).array[0])
@@ -84,7 +84,7 @@ def phasor_loss(
 
     Raises:
         ValueError: Frequency or time axis are invalid, the shapes differ, or the target has no
-            phasors; one line.
+            phasors.
 
     Example:
         >>> here, there = np.zeros((2, 1, 1, 100, 1), np.float32)
@@ -159,7 +159,7 @@ def phase_loss(
 
     Raises:
         ValueError: Frequency or time axis are invalid, the shapes differ, or the target has no
-            phasors; one line.
+            phasors.
 
     Warns:
         UserWarning: The render is black, or contains only noise.
@@ -209,7 +209,7 @@ def phase_loss(
 
 
 def _second(other: Any, rendered: Any) -> Any:
-    """Return a second render, and refuse it if its shape differs from the first render."""
+    """Return a second render. Raise an error if its shape differs from the first render."""
     expected = tuple(rendered.shape)
     try:
         shape = tuple(other.shape) if isinstance(other, mi.TensorXf) else np.shape(other)
@@ -242,7 +242,7 @@ def scale_free_loss(rendered: Any, target: Any, *, other: Any = None) -> Any:
         The loss, a tensor with one number, from 0 to 1 without noise.
 
     Raises:
-        ValueError: The shapes differ, or the target is black; one line.
+        ValueError: The shapes differ, or the target is black.
 
     Warns:
         UserWarning: The render is black, or contains only noise.
@@ -286,7 +286,7 @@ def wasserstein_loss(rendered: Any, target: Any, *, energy_weight: float = 1.0) 
         The loss, a tensor with one number.
 
     Raises:
-        ValueError: The weight is negative, the shapes differ, or the target is black; one line.
+        ValueError: The weight is negative, the shapes differ, or the target is black.
 
     Example:
         >>> early, late = np.zeros((2, 1, 1, 100, 1), np.float32)
@@ -426,13 +426,13 @@ def _target_phasors(
 
 
 def require_same_shape(rendered: Any, target: Any) -> None:
-    """Refuse a target with another shape than the rendered light."""
+    """Raise a ValueError if a target has another shape than the rendered light."""
     allowed = f"{rendered.shape}, as what is rendered"
     checks.shape("target", target, rendered.shape == target.shape, allowed)
 
 
 def _nonzero_sum(values: Any) -> Any:
-    """Sum values of the target, and refuse a black target."""
+    """Sum values of the target. Raise an error for a black target."""
     total = dr.detach(dr.sum(values, axis=None))
     if not float(np.array(total).item()) > 0:
         raise ValueError("target: all values are 0. Pass a target with light")

@@ -65,10 +65,12 @@ class Variables:
 
     @contextmanager
     def write_at_exit(self, best: Callable[[], Mapping[str, Any] | None]) -> Iterator[None]:
-        """Write the best plain values to the scene after the block, also after an error.
+        """Write the best values to the scene after the block, also after an error.
 
-        Without best values, the values before the fit are restored, or with `apply` the start
-        values.
+        Args:
+            best: Function that returns the best values without gradients, by name. If it returns
+                None, the values before the fit are restored. A fit with a function `apply` restores
+                the start values.
         """
 
         def write_best() -> None:
@@ -95,7 +97,7 @@ class Variables:
         return clipped
 
     def at_bounds(self, values: Mapping[str, Any]) -> list[str]:
-        """Describe the plain values with a component at a bound."""
+        """Describe the variables that have a component at a bound."""
         found = []
         for name, (low, high) in self._bounds.items():
             value = np.asarray(values[name], np.float32)
@@ -152,7 +154,11 @@ class Variables:
         return checked
 
     def _scene_parameter(self, name: str, value: Any) -> Any:
-        """Convert the start value of a parameter of the scene."""
+        """Convert the start value of a scene parameter to the type and shape in the scene.
+
+        Raises:
+            ValueError: The parameter is unknown or not differentiable, or the value does not fit.
+        """
         label = f"params[{name!r}]"
         if name not in self.params:
             near = difflib.get_close_matches(name, list(self.params.keys()), 1)

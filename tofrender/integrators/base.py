@@ -269,7 +269,7 @@ lengths |
     def render_forward(self, scene, params, sensor=0, seed=0, spp=0):
         """Return the forward derivative (JVP) of the result of `render`.
 
-        The direction of the derivative is given by the gradients of the parameters.
+        The gradients of the parameters are the direction of the derivative.
         `mi.render(scene, params)` calls this method in forward mode. The errors of `render` may
         be raised.
         """
@@ -295,7 +295,7 @@ lengths |
         self._differentiated(scene, params, sensor, spp).reverse(seed, gradients)
 
     def _differentiated(self, scene, params, sensor, spp) -> Derivative:
-        """Return the derivative of a render, or refuse the render with an error."""
+        """Return the derivative of a render, or raise an error if it is not supported."""
         sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         record = self.recording(sensor.film())
         attached = self.gradient_sampling == "attached"
@@ -306,7 +306,7 @@ lengths |
         return Derivative(plan, record, sensor, spp, self.gradient_sampling == "detached")
 
     def _require_derivatives(self, scene: mi.Scene, sensor: mi.Sensor, record: Recording) -> None:
-        """Refuse renders without derivatives, if parameters track gradients."""
+        """Raise an error if parameters track gradients, and the render has no derivatives."""
         parts = [scene, self] if sensor in scene.sensors() else [scene, self, sensor]
         names = [name for part in parts for name in tracked(readable(mi.traverse(part)))]
         if names:
@@ -317,7 +317,7 @@ lengths |
             warn_of_edges(names)
 
     def _require_own_derivatives(self) -> None:
-        """Refuse an integrator without derivatives."""
+        """Raise a RuntimeError: the integrator has no derivatives."""
         if not self.has_derivatives or is_user_defined(self):
             raise RuntimeError(
                 f"integrator = {type(self).__name__}: derivatives are not supported. Use another "

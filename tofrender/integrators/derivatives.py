@@ -122,7 +122,8 @@ class Derivative:
 
         Args:
             seed: Seed of the sampler.
-            fresh: Parameters. Their gradients are the direction of the derivative.
+            fresh: Differentiable scene parameters, by name. The caller has set their gradients to
+                the direction of the derivative.
         """
         # Delete scenes without references, because Dr.Jit would also visit these scenes
         gc.collect()

@@ -11,7 +11,7 @@ from .path_tracer import PathTracer
 class PathTracerNEE(PathTracer):
     """Path tracing with next-event estimation only (plugin `path_tracer_nee`).
 
-    At every surface, a point on an emitter is sampled. The light from this point counts if no
+    At every surface, a point on an emitter is sampled. The light from this point is added if no
     surface blocks it:
 
         L_direct = f cos Le(y) V(x, y) / p(direction to y)

@@ -81,7 +81,11 @@ class Plan(Parts):
         return self.with_endpoint(self.endpoint.for_bin_width(width_opl))
 
     def attached(self) -> Self:
-        """Return the plan for attached sampling, with derivatives of space and endpoint."""
+        """Return a copy of the plan for attached sampling.
+
+        In attached sampling, derivatives also go through the sampled points: through free-flight
+        distances in media, and through points on moving emitters.
+        """
         other = self.with_endpoint(self.endpoint.attached())
         other.space = self.space.attached()
         return other

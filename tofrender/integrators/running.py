@@ -194,7 +194,7 @@ def render_all(
 def made_with(
     scene: mi.Scene, sensor: mi.Sensor, integrator: Any, values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return what identifies a render, for checkpoints.
+    """Return the values that identify a render, for checkpoints.
 
     Args:
         scene: The scene.
@@ -209,7 +209,7 @@ def made_with(
 
 
 def interrupted(done: int, of: int, unit: str, again: str = "") -> str:
-    """Return the error message of work that was stopped.
+    """Return the error message for interrupted work.
 
     Args:
         done: Number of finished units.

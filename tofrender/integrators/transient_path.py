@@ -106,7 +106,7 @@ connects to, 1 to 64; later vertices connect to half as many points, rounded up 
         return self.takes_light_samples
 
     def _read_techniques(self, props: mi.Properties) -> Techniques:
-        """Read the parameters of techniques, and refuse them if no techniques are used."""
+        """Read the parameters of techniques. Raise an error if no techniques are used."""
         # Techniques need next-event estimation, which finds the remaining light
         used = self.uses_techniques and self.emitter_sampling
         chosen = {}

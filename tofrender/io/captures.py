@@ -127,4 +127,4 @@ def _layout_of(file: Path) -> tuple[str, Callable[..., Any]]:
         if names.issuperset(variables.split()):
             return container, read
     allowed = " or ".join(f"{each} {kind}".strip() for kind, each, _ in known or LAYOUTS)
-    raise ValueError(f"its layout is not supported; it must contain {allowed}")
+    raise ValueError(f"the layout of the file is not supported; the file must contain {allowed}")

@@ -32,8 +32,8 @@ VOLUME = "volume.npz"
 class Contents(NamedTuple):
     """Files of a command, as regular expressions of their names.
 
-    A folder is an output of the command if it holds at least one of the files with the mark of this
-    package in their first bytes, and no file that is not listed.
+    A folder is an output of the command if it contains only listed files, and if at least one of
+    these files has the mark of this package in its first bytes.
     """
 
     marked: tuple[str, ...]

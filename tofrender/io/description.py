@@ -23,7 +23,7 @@ _DIMS = {axis: (axis,) for axis in _AXES} | DIMS | ERRORS | HALVES  # Axes of ea
 
 
 def describe(dataset: xr.Dataset) -> dict[str, Any]:
-    """Sizes, channels, and attributes of the Dataset, its variables and coordinates."""
+    """Describe sizes, channels, and attributes of the Dataset, its variables and coordinates."""
     return {
         "sizes": {str(axis): size for axis, size in dataset.sizes.items()},
         "channel": dataset["channel"].values.tolist(),
@@ -37,7 +37,9 @@ def parse(text: Any) -> dict[str, Any]:
     try:
         description = json.loads(str(text))
     except (ValueError, RecursionError):
-        raise ValueError("its description is not JSON; it must be as it was saved") from None
+        raise ValueError(
+            "the description in the file is not JSON. Save the Dataset again"
+        ) from None
 
     # Check the sizes of the axes and the names of the channels
     _require("its description", description, ("sizes", "channel", "attrs", "variables"))
@@ -64,12 +66,12 @@ def _require(what: str, value: Any, keys: Sequence[str] = ()) -> dict[str, Any]:
     checks.instance(what, value, dict, "a dict of names and values")
     for key in keys:
         if key not in value:
-            raise ValueError(f"{what}: {key} is missing; it must be as it was saved")
+            raise ValueError(f"{what}: {key} is missing in the file. Save the Dataset again")
     return value
 
 
 def shapes_of(description: dict[str, Any]) -> dict[str, tuple[int, ...]]:
-    """Shapes of all variables and coordinates, by name."""
+    """Return the shapes of all variables and coordinates, by name."""
     sizes = {"feature": 0} | description["sizes"]
     return {name: tuple(sizes[axis] for axis in axes) for name, axes in _DIMS.items()}
 
@@ -95,7 +97,8 @@ def restore(description: dict[str, Any], arrays: dict[str, np.ndarray]) -> xr.Da
     found = read(dataset, FILM, "dataset")
     if found is not dataset:
         raise ValueError(
-            "its pixels, channels or time bins contradict the attributes; must be as it was saved"
+            "pixels, channels or time bins in the file contradict the attributes. Save the Dataset "
+            "again"
         )
     datasets.require_storable(dataset)
     return datasets.in_components(labeled(dataset))

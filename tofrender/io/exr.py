@@ -140,7 +140,7 @@ def save_exr_stack(
 
 
 def load_exr_stack(path: str | os.PathLike) -> xr.Dataset:
-    """Read a folder or a multi-part file of `save_exr_stack`.
+    """Read a folder or a multi-part file that `save_exr_stack` wrote.
 
     See also `save_exr_stack`.
 
@@ -246,14 +246,14 @@ def save_exr_layers(
 def load_exr_layers(
     path: str | os.PathLike,
 ) -> tuple[dict[str, np.ndarray], dict[str, str], tuple[int, int]]:
-    """Read a file of `save_exr_layers`.
+    """Read a file that `save_exr_layers` wrote.
 
     Returns:
         (layers, attributes, first pixel): the layers by name, (height, width, channels), and column
         and row of the first pixel.
 
     Raises:
-        ValueError: The file is damaged, or it is not of `save_exr_layers`.
+        ValueError: The file is damaged, or `save_exr_layers` did not write it.
 
     Example:
         >>> import tempfile
@@ -275,7 +275,7 @@ def load_exr_layers(
 
 
 def _as_float32(name: str, values: Any) -> np.ndarray:
-    """Convert real numbers to float32. Refuse inexact integers, and numbers out of range."""
+    """Convert real numbers to float32. Raise an error for numbers that float32 cannot hold."""
     array = checks.real_array(name, values)
     with np.errstate(over="ignore"):
         converted = array.astype(np.float32)

@@ -41,7 +41,7 @@ def _require_unbroken(path: Path) -> None:
         file.seek(0)
         broken = _MARK[:10] in found and found != _line(_checksum(file, size - _LENGTH))
     if broken:
-        raise ValueError("is damaged or cut short, its checksum differs; must be as it was saved")
+        raise ValueError("is damaged or cut short (wrong checksum). Restore or write it again")
 
 
 def _checksum(file: BinaryIO, size: int) -> int:

@@ -183,7 +183,7 @@ def _yaml(value: Any) -> str:
 
 
 def read_ytal(file: h5py.File) -> xr.Dataset:
-    """Read a capture in the layout of y-tal, written by `save_capture`, y-tal or others.
+    """Read a capture in the layout of the package y-tal, which `save_capture` also writes.
 
     Lists of points (the formats T_Si, T_Li_Si, N_3) become one row. Missing normals are +z, the
     normal of y-tal's wall, if all points have the same z. The `scene_info` of other programs

@@ -33,7 +33,7 @@ def in_netcdf_types(dataset: xr.Dataset) -> xr.Dataset:
 
     Raises:
         ValueError: A variable has another type, or an integer beyond 2^53, or SciPy's writer does
-            not support the name of an attribute; one line.
+            not support the name of an attribute.
     """
     for name in sorted(RESERVED & {*map(str, dataset.attrs)}):
         raise ValueError(
@@ -84,7 +84,7 @@ def _fits_int32(least: int, largest: int) -> bool:
 
 
 def load_measurement(path: Path) -> xr.Dataset:
-    """Read a file of `save_measurement`. Other or damaged files are a ValueError."""
+    """Read a file that `save_measurement` wrote. Other or damaged files raise a ValueError."""
     with reading(path, "a file that `tofrender sense` or `tofrender fmcw` wrote") as file:
         found = xr.load_dataset(file, engine="scipy")
         checks.require("its quantity", None, found.attrs.get("quantity") in found, "there")

@@ -186,7 +186,7 @@ def _write_las(cloud: xr.Dataset, path: Path, intensity_scale: float) -> None:
 
 
 def _las_column(cloud: xr.Dataset, name: str, low: float, high: float) -> np.ndarray:
-    """Return a variable as float64. Refuse other types, and values out of the range of LAS."""
+    """Return a variable as float64. Raise an error for other types, and outside the LAS range."""
     given = checks.real_array(f"cloud: {name}", cloud[name].values)
     if given.dtype.kind in "iu":
         # Larger integers would be rounded

@@ -11,7 +11,7 @@ DEVICES = {"sensor": "camera", "laser": "laser"}
 
 
 def read_znlos(file: h5py.File) -> xr.Dataset:
-    """Read a file of Z-NLOS, by the documentation of its C++ loader.
+    """Read a file of the data set Z-NLOS, as the documentation of its C++ loader describes.
 
     `data` has the axes (laser x, laser y, sensor x, sensor y, bounces, bins). Confocal data do not
     have the axes of the laser. A last axis of colors is optional, and colors are added.

@@ -205,7 +205,10 @@ def even_axis(
 
 
 def intensity(data: xr.Dataset | xr.DataArray, parameter: str) -> Any:
-    """Return the component S0 of polarized data, and other data unchanged."""
+    """Return the component S0 of polarized data, and other data unchanged.
+
+    `parameter` is the name of the data in error messages.
+    """
     if "stokes" not in data.dims:
         return data
     if "S0" not in data["stokes"].values:
@@ -214,7 +217,7 @@ def intensity(data: xr.Dataset | xr.DataArray, parameter: str) -> Any:
 
 
 def require_whole_stokes(data: xr.Dataset | xr.DataArray, parameter: str) -> None:
-    """Refuse polarized data without one of the four Stokes components."""
+    """Raise a ValueError if polarized data lack one of the four Stokes components."""
     found = [str(name) for name in data["stokes"].values] if "stokes" in data.dims else [*STOKES]
     if found != [*STOKES]:
         raise ValueError(
@@ -237,7 +240,7 @@ def pixel_steps(data: xr.Dataset | xr.DataArray, parameter: str) -> dict[str, in
 
 
 def require_axes_only(data: xr.Dataset, parameter: str) -> None:
-    """Refuse further coordinates along an axis, since files do not contain them.
+    """Raise a ValueError for further coordinates along an axis, since files do not contain them.
 
     Supported are the labels of each axis, and `opl` and `time` of the bins.
     """
@@ -250,7 +253,7 @@ def require_axes_only(data: xr.Dataset, parameter: str) -> None:
 
 
 def require_consecutive(data: xr.Dataset | xr.DataArray, parameter: str) -> None:
-    """Refuse pixels that are not a rectangle of a film without gaps."""
+    """Raise a ValueError if the pixels are not a rectangle of a film without gaps."""
     for axis in ("y", "x"):
         _require_no_gaps(np.diff(data[axis].values), 1, axis, parameter)
 
@@ -292,8 +295,8 @@ def by_pixel(values: Any, data: Any, parameter: str) -> Any:
         same = found.sizes[axis] == own.size and np.allclose(found[axis].values, np.sort(own))
         if not same:
             raise ValueError(
-                f"{parameter}: the axis {axis} has other labels than the Dataset. Select the same "
-                "pixels"
+                f"{parameter}: the axis {axis} has other labels than the Dataset. Make the same "
+                "selection from both"
             )
     return found.values
 
@@ -329,7 +332,7 @@ def _without_choices(data: xr.Dataset) -> xr.Dataset:
 
 
 def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
-    """Refuse missing and unknown variables, and missing and unknown axes."""
+    """Raise a ValueError if variables or axes are missing or unknown."""
     # Check the variables of the kind
     for name, axes in kind.all_variables.items():
         if name not in data.data_vars:
@@ -373,7 +376,7 @@ def _require_variables(data: xr.Dataset, kind: Kind, parameter: str) -> None:
 
 
 def _in_order(data: xr.Dataset, kind: Kind, parameter: str) -> xr.Dataset:
-    """Bring axes, and the labels along them, to their order."""
+    """Sort the axes, and the labels along the axes."""
     # Sort the labels along each axis that the kind contains
     known = {axis for axes in kind.all_variables.values() for axis in axes} | {"stokes"}
     for axis in map(str, data.dims):
@@ -403,7 +406,7 @@ def _order_along(data: xr.Dataset, axis: str, kind: Kind, parameter: str) -> np.
         centers = data["opl"].values if "opl" in data.coords else np.arange(data.sizes[axis])
         return np.argsort(centers, kind="stable")
     if axis in kind.real and axis not in data.coords:
-        raise ValueError(f"{parameter}: the coordinate {axis} is missing")
+        raise ValueError(f"{parameter}: the coordinate {axis} is missing. Add it: assign_coords")
     if axis not in (*RISING, *kind.real) or axis not in data.coords:
         return None
     labels = data[axis].values
@@ -466,7 +469,7 @@ def _require_even_steps(steps: np.ndarray, width: float, axis: str, parameter: s
 
 
 def _require_times(time_ns: np.ndarray, opl: np.ndarray, parameter: str) -> None:
-    """Refuse times that differ from the path lengths over c."""
+    """Raise a ValueError if times differ from the path lengths divided by c."""
     expected = opl_to_ns(opl)
     same_shape = time_ns.shape == expected.shape
     if not same_shape or not np.allclose(time_ns, expected, rtol=1e-9, atol=1e-9):

@@ -286,7 +286,7 @@ class GatedFog(GatedEmitters):
 
 
 def _is_fixed(emitter: mi.Emitter) -> bool:
-    """Return whether the emitter samples of an emitter do not depend on the reference point."""
+    """Return whether the samples of an emitter do not depend on the reference point."""
     flags = emitter.flags()
     if mi.has_flag(flags, mi.EmitterFlags.DeltaPosition):
         return True

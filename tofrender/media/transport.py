@@ -206,7 +206,7 @@ class MediaTransport(Space):
     def _fly(
         self, flight: Flight, o: mi.Point3f, channel: mi.UInt32, sampler: mi.Sampler
     ) -> Flight:
-        """Fly to the next collision, real or null, or to the next surface, and cross boundaries."""
+        """Trace rays to the next collision (real or null) or surface, and cross boundaries."""
         flight = copy(flight)
 
         # Sample a tentative collision with the majorant of the chosen channel

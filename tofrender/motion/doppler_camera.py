@@ -80,7 +80,7 @@ def doppler(
 
     Raises:
         ValueError: If an argument or the scene is wrong.
-        KeyboardInterrupt: If the render was stopped; one line.
+        KeyboardInterrupt: If the render was stopped.
 
     Example:
         >>> import tofrender
@@ -187,7 +187,7 @@ def doppler_rate(measured: Annotated[xr.Dataset, DOPPLER]) -> xr.DataArray:
         V (y, x) [m/s], positive for growing lengths, NaN for pixels without light.
 
     Raises:
-        ValueError: If the Dataset is of another kind or has another waveform.
+        ValueError: If the Dataset has another kind or another waveform.
     """
     # Check the Dataset
     measured = read(measured, DOPPLER, "measured")

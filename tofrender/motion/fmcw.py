@@ -100,7 +100,7 @@ class Fmcw:
             rate: The film's bins of rate [m/s].
 
         Raises:
-            ValueError: If the film's bins are too wide, or its highest beat is too high; one line.
+            ValueError: If the film's bins are too wide, or its highest beat is too high.
         """
         # Are the bins at most as wide as the resolution?
         for name, axis, finest in zip(("opl", "rate"), (opl, rate), self.resolution, strict=True):
@@ -151,7 +151,7 @@ class Fmcw:
             number.
 
         Raises:
-            ValueError: If the film is of another kind, or its bins or beats do not fit the lidar.
+            ValueError: If the film has another kind, or its bins or beats do not fit the lidar.
             MemoryError: If the spectra do not fit into memory.
 
         Example:

@@ -117,7 +117,7 @@ def render_frames(
         progress: Show a bar for work that takes long.
         **settings: `spp`, `seed`, `size`, `bins`, `start_opl`, `bin_width`, `window`,
             `pulse_width`, `max_depth`, `integrator`, `sampler`, `sensor`, `define` and `settings`,
-            as for `render`. The window "auto" holds the light of the first and last frame.
+            as for `render`. The window "auto" contains the light of the first and last frame.
 
     Returns:
         A Dataset as of `render` with an axis `frame` before the others. The coordinates along it
@@ -128,7 +128,7 @@ def render_frames(
     Raises:
         ValueError: An argument or the scene is wrong.
         MemoryError: The frames do not fit.
-        KeyboardInterrupt: The render was stopped in the first frame; one line.
+        KeyboardInterrupt: The render was stopped in the first frame.
 
     Warns:
         UserWarning: More than 1 % of a frame's energy is outside the window, or the render was
@@ -244,9 +244,9 @@ def render_frame(job: Job, time_s: float, shutter: Shutter) -> xr.Dataset:
 
 
 def _posed_job(job: Job, found: bool = True) -> Job:
-    """Return the job of a scene's present pose, with the window that is `found` or one of its own.
+    """Return the job of a scene's present pose, with its window if `found`, otherwise a new window.
 
-    What a plan holds of a scene may depend on the pose.
+    The data that a plan keeps of a scene may depend on the pose.
     """
     film = job.film
     axis = (film.temporal_bins, film.start_opl, film.bin_width_opl) if found else None

@@ -44,7 +44,7 @@ def open_moving(settings: RenderSettings) -> tuple[mi.Scene, mi.Sensor, Transien
         The scene, its sensor, an integrator without pulse, and the number of samples per pixel.
 
     Raises:
-        ValueError: If the integrator is not supported or has a pulse; one line.
+        ValueError: If the integrator is not supported or has a pulse.
     """
     # The scene, and its integrator or the transient integrator with the same paths
     variants.require_unpolarized()

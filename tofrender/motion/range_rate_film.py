@@ -52,7 +52,7 @@ def range_rate(
     Raises:
         ValueError: If an argument or the scene is wrong.
         MemoryError: If the bins do not fit into memory.
-        KeyboardInterrupt: If the render was stopped; one line.
+        KeyboardInterrupt: If the render was stopped.
 
     Warns:
         UserWarning: If more than 1 % of the energy is outside the bins.

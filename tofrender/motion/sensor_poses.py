@@ -61,7 +61,7 @@ def render_poses(
     Raises:
         ValueError: An argument or the scene is wrong, or a pose is not rigid.
         MemoryError: The poses do not fit.
-        KeyboardInterrupt: The render was stopped in the first pose; one line.
+        KeyboardInterrupt: The render was stopped in the first pose.
 
     Warns:
         UserWarning: More than 1 % of the energy is outside the window, or the render was stopped.

@@ -81,7 +81,7 @@ def make_capture(
         at the wall, the Dataset also contains the bool variable `on_wall`.
 
     Raises:
-        ValueError: An argument is invalid, or arguments contradict each other; one line.
+        ValueError: An argument is invalid, or arguments contradict each other.
 
     Example:
         >>> x, y = np.meshgrid(np.linspace(-1, 1, 8), np.linspace(-1, 1, 8))
@@ -248,7 +248,7 @@ def dimensions(mode: str) -> dict[str, tuple[str, ...]]:
 
 
 def as_capture(dataset: Any) -> Any:
-    """Convert the photon counts of a capture, as measured by `sense`, to a capture.
+    """Convert photon counts that `sense` simulated from a capture to a capture.
 
     Args:
         dataset: A capture, or a result of `sense` with the geometry of a capture.
@@ -297,7 +297,7 @@ def read_capture(dataset: Any, parameter: str) -> xr.Dataset:
     A part of the window, a crop, or a selection of channels of a capture is accepted.
 
     Raises:
-        ValueError: The dataset is not a capture or a part of a capture; one line.
+        ValueError: The dataset is not a capture or a part of a capture.
     """
     import xarray as xr
 
@@ -322,16 +322,16 @@ def read_capture(dataset: Any, parameter: str) -> xr.Dataset:
 
 
 def check_capture(dataset: Any) -> None:
-    """Refuse a dataset that is not a capture or a part of a capture.
+    """Raise a ValueError if a dataset is not a capture or a part of a capture.
 
     Raises:
-        ValueError: Variables, axes or attributes are missing or contradict each other; one line.
+        ValueError: Variables, axes or attributes are missing or contradict each other.
     """
     read_capture(dataset, "capture")
 
 
 def _require_geometry(dataset: xr.Dataset) -> None:
-    """Refuse a capture with impossible points and normals, or with unknown origins of its legs."""
+    """Raise a ValueError for impossible points or normals, and for unknown origins of segments."""
     mode = dataset.attrs["capture_mode"]
     if dataset.sizes["channel"] not in (1, 3):
         raise ValueError(f"capture with {dataset.sizes['channel']} channels: must be 1 or 3")
@@ -406,7 +406,7 @@ def without_first_and_last_legs(capture: Annotated[xr.Dataset, CAPTURE]) -> xr.D
     unchanged.
 
     Raises:
-        ValueError: The argument is not a capture; one line.
+        ValueError: The argument is not a capture.
 
     Example:
         >>> wall = np.array([[[0.0, 0, 0], [1, 0, 0]]])

@@ -98,7 +98,7 @@ def capture(
 
     Raises:
         ValueError: An argument is invalid, `mode` contradicts the scene, the laser or the relay
-            wall is missing, the laser misses the wall, or no pixel looks at the wall; one line.
+            wall is missing, the laser misses the wall, or no pixel looks at the wall.
         KeyboardInterrupt: An exhaustive capture was stopped. The message describes how to resume.
         MemoryError: The capture does not fit into memory. The message names a size that fits.
 
@@ -199,7 +199,7 @@ def capture(
 
 
 def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
-    """Refuse a stored capture that `capture` would not reproduce with these arguments.
+    """Raise a ValueError if `capture` would not reproduce a stored capture with these arguments.
 
     Args:
         found: The stored capture.
@@ -207,7 +207,7 @@ def require_same_capture(found: xr.Dataset, scene: Any, **options: Any) -> None:
         options: All arguments of `prepare_capture`, with the relay wall as `wall`.
 
     Raises:
-        ValueError: The capture was made with other arguments; one line.
+        ValueError: The capture was made with other arguments.
     """
     # Compare the settings
     setup = prepare_capture(scene, **options)

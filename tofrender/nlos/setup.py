@@ -51,7 +51,7 @@ class CaptureSetup:
 
     @property
     def fingerprint_entries(self) -> dict[str, Any]:
-        """Return what else determines a capture, next to scene, sensor and integrator."""
+        """Return the values that determine a capture, next to scene, sensor and integrator."""
         wall = [f"{shape.id()} {shape_digest(shape)[:8]}" for shape in self.wall]
         return {"mode": self.mode, "relay_wall": wall}
 
@@ -152,7 +152,7 @@ def _film_size(grid: Any) -> dict[str, Any]:
 
 
 def _require_memory(mode: str, film: mi.Film) -> None:
-    """Refuse a capture that does not fit into memory, and name a size that fits."""
+    """Raise a MemoryError that names a smaller size if a capture does not fit into memory."""
     # Films of other kinds are refused later
     shape = getattr(film, "shape", None)
     if shape is None:

@@ -50,7 +50,7 @@ def hidden_depth(
         Depth (y, x) [m], float64. NaN if the ray hits no hidden shape.
 
     Raises:
-        ValueError: `where` is not a reconstruction or a capture, or a shape is missing; one line.
+        ValueError: `where` is not a reconstruction or a capture, or a shape is missing.
 
     Example:
         >>> from tofrender import capture

@@ -157,7 +157,7 @@ def ray_origin(sensor: mi.Sensor, ray: mi.Ray3f, scene: mi.Scene | None = None) 
 
 
 def _has_target(sensor: mi.Sensor) -> bool:
-    """Whether a sensor is a `distant` sensor with a target.
+    """Return whether a sensor is a `distant` sensor with a target.
 
     Only the text of a sensor shows its target.
     """

@@ -35,7 +35,7 @@ MOST_LOBES = 15
 
 @dataclass
 class LobeSample:
-    """Direction and throughput of a path after one delta lobe."""
+    """Sample of one delta lobe: the new direction, and the factor of the path's throughput."""
 
     # Index of the lobe
     lobe: mi.UInt32
@@ -94,7 +94,7 @@ class DeltaLobes:
 
     @staticmethod
     def are_mixed(bsdf: mi.BSDF) -> bool:
-        """Whether a BSDF mixes delta lobes with smooth lobes or with equal delta lobes.
+        """Return whether a BSDF mixes delta lobes with smooth lobes or with equal delta lobes.
 
         Delta lobes are equal if they have the same side and the same direction.
         """

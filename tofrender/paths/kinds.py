@@ -74,7 +74,7 @@ class Lobes:
         )
 
     def of_kinds(self, kinds: frozenset[Kind], specular: mi.Bool, depth: mi.UInt32) -> mi.Bool:
-        """Return lanes in which a path that hits an emitter is of one of the given kinds.
+        """Return lanes in which a path that hits an emitter has one of these kinds.
 
         The kind `VISIBLE` is ignored.
 

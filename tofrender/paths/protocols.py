@@ -230,7 +230,7 @@ class MediumConnections(Protocol):
 class Endpoint(ABC):
     """Target of next-event estimation: the emitters, or the lens for paths that start at emitters.
 
-    The default is a light that connections can find and rays cannot hit.
+    The default methods describe a light that connections can find, but that rays cannot hit.
     """
 
     # Whether the loop calls `connect`, i.e. uses next-event estimation

@@ -124,7 +124,7 @@ def _indices(bsdf: mi.BSDF, lobe: mi.BSDFFlags) -> list[float]:
 
 
 def _index_of_part(bsdf: mi.BSDF, lobe: mi.BSDFFlags) -> float:
-    """Return the relative index of a plain BSDF, 1 if all of its samples fail."""
+    """Return the relative index of a BSDF without nested BSDFs, 1 if all of its samples fail."""
     # Create surface interactions with perpendicular incidence
     si = dr.zeros(mi.SurfaceInteraction3f, DRAWS)
     si.wi = mi.Vector3f(0, 0, 1)

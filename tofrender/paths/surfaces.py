@@ -92,7 +92,7 @@ def name_of(scene: mi.Scene, bsdf: mi.BSDF) -> str:
 
 
 def is_boundary(bsdf: mi.BSDF | None) -> bool:
-    """Whether a BSDF only marks an index-matched boundary of a medium, without a surface."""
+    """Return whether a BSDF only marks an index-matched boundary of a medium, without a surface."""
     if bsdf is None or int(bsdf.flags()) != BOUNDARY:
         return False
     return bsdf.class_name() not in PLATES
@@ -164,13 +164,13 @@ def first_surface(
 
 
 def has_lobes(scene: mi.Scene, *lobes: mi.BSDFFlags) -> bool:
-    """Whether a surface of the scene has at least one of the given lobes."""
+    """Return whether a surface of the scene has at least one of the given lobes."""
     flags = [bsdf.flags() for bsdf in materials(scene)]
     return any(mi.has_flag(each, lobe) for each in flags for lobe in lobes)
 
 
 def lets_straight_through(scene: mi.Scene) -> bool:
-    """Whether a scene has panes (`thindielectric`), masks or polarizers."""
+    """Return whether a scene has panes (`thindielectric`), masks or polarizers."""
     through = [b for b in materials(scene) if mi.has_flag(b.flags(), mi.BSDFFlags.Null)]
     return not all(map(is_boundary, through))
 

@@ -162,7 +162,7 @@ def collect(
     # Are the workers, the settings and the memory suitable?
     workers = check_client(client)
     if job.plan.splats and job.settings.errors:
-        raise ValueError("errors = True: must be False with a client for light that lands anywhere")
+        raise ValueError("errors = True: must be False for light tracing with a client")
     count = whole(job).count
     checkpoint = Checkpoint.of(checkpoint)
     job.require_memory(count)

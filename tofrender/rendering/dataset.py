@@ -107,13 +107,13 @@ def film_stokes(film: TransientHDRFilm) -> int:
 
 
 def in_channels(dataset: Any, halves: bool = False) -> Any:
-    """Convert a Dataset to the layout of files: Stokes components become channels "S0.R" etc.
+    """Convert a Dataset to the layout of film files: Stokes components become channels "S0.R" etc.
 
     Objects without an axis `stokes` keep their axes.
 
     Args:
         dataset: The Dataset.
-        halves: Whether to keep the variables `HALVES`.
+        halves: Whether to keep the variables that `denoise` needs (`HALVES`).
     """
     if not halves and "half_difference" in getattr(dataset, "data_vars", ()):
         dataset = dataset.drop_vars(list(HALVES), errors="ignore")
@@ -140,16 +140,16 @@ def in_channels(dataset: Any, halves: bool = False) -> Any:
 
 
 def for_file(dataset: Any, halves: bool = False) -> xr.Dataset:
-    """Convert a Dataset of `render`, or a part of it, to the layout and the labels of files.
+    """Convert a result of `render`, or a part of it, to the layout and the labels of files.
 
     The attribute `energy_outside_window` is updated for the part.
 
     Args:
         dataset: The Dataset.
-        halves: Whether to keep the variables `HALVES`.
+        halves: Whether to keep the variables that `denoise` needs (`HALVES`).
 
     Raises:
-        ValueError: The Dataset is not of `render`, or its bins or pixels have gaps.
+        ValueError: The Dataset is not a result of `render`, or its bins or pixels have gaps.
     """
     dataset = read(dataset, FILM, "dataset")
     require_whole_stokes(dataset, "dataset")

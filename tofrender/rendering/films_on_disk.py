@@ -84,8 +84,8 @@ def load_zarr(path: str | os.PathLike) -> xr.Dataset:
     Raises:
         FileNotFoundError: `path` does not exist.
         ValueError: The folder is not a finished film of this package, or files are missing or
-            incomplete; one line.
-        ImportError: The packages zarr and dask are missing; one line.
+            incomplete.
+        ImportError: The packages zarr and dask are missing.
 
     Example:
         >>> import tempfile, tofrender
@@ -151,7 +151,7 @@ def require_whole(film: Path, listed: bool = True) -> None:
             too_large = [text for name, node in nodes for text in _too_large(name, node)]
         except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
             raise ValueError(
-                f"path = {film}: {place} is damaged; must be as it was written"
+                f"path = {film}: {place} is damaged. Restore it, or render again"
             ) from None
         if wrong:
             raise ValueError(

@@ -74,6 +74,8 @@ class GroupStore(ABC, Generic[Part, Receipt]):
     ) -> Self:
         """Continue with an unfinished group, or make an empty one.
 
+        A receipt is a file that marks a part as finished and contains the part's checksums.
+
         Args:
             folder: Folder of the group and its receipts.
             recipe: Values that determine the group. An unfinished group must have the same recipe.
@@ -117,7 +119,7 @@ class GroupStore(ABC, Generic[Part, Receipt]):
 
     @abstractmethod
     def name_of(self, part: Part) -> str:
-        """Return the name of a part."""
+        """Return the name of a part, for its receipt and for messages, e.g. "tile 0 8"."""
 
     @abstractmethod
     def _indices(self, part: Part) -> Any:

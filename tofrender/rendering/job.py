@@ -125,7 +125,7 @@ class Job:
         return self.scene.sensors()[self.settings.sensor]
 
     def points(self, first: int = 0) -> mi.Sampler:
-        """Return the sampler of the samples that are missing after `first` samples per pixel."""
+        """Return a sampler for the samples that remain after `first` samples per pixel."""
         return sampler_for(self.camera, self.settings.sampler, self.settings.spp, first)
 
     def recording(self, film: TransientHDRFilm) -> Recording:
@@ -391,11 +391,11 @@ def film_of_light(
 
     # Choose an automatic window
     if is_auto(settings.window):
-        allowed = "must be (start, stop) in meters"
+        allowed = "pass window = (start, stop) in meters"
         if not arrivals.any:
             raise ValueError(f"window = 'auto': no light found; {allowed}")
         if arrivals.energy[-1] > 0:
-            late = f"light arrives after more than {LAST_OPL:g} m, which no window holds"
+            late = f"light arrives after more than {LAST_OPL:g} m, too late for an automatic window"
             raise ValueError(f"window = 'auto': {late}; {allowed}")
         arrivals = enlarged(arrivals, profile, look)
         film = windowed_film(camera.film(), arrivals.window(integrator.pulse), settings.bins)
@@ -407,13 +407,13 @@ def film_of_light(
 
 
 def sampler_for(camera: mi.Sensor, sampler: object, spp: int | None, first: int = 0) -> mi.Sampler:
-    """Return a sampler with the number of samples that are missing after `first` samples.
+    """Return a sampler for the samples that remain after `first` samples per pixel.
 
     Args:
         camera: The sensor.
         sampler: A sampler, the name of a plugin, or None for the default plugin.
-        spp: Samples per pixel, including the `first` samples. If it is missing, the given sampler
-            or the sensor's sampler defines the number.
+        spp: Samples per pixel, including the `first` samples. None uses the number of the
+            sampler that was passed, or of the sensor's sampler.
         first: Samples per pixel of an earlier render.
     """
     # Find the number of samples

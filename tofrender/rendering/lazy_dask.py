@@ -10,7 +10,7 @@ class _Dask:
 
     @property
     def type(self) -> tuple[type, ...]:
-        """Dask's array type as a tuple; empty while `dask.array` is not imported."""
+        """Return Dask's array type in a tuple, which is empty until `dask.array` is imported."""
         array = getattr(sys.modules.get("dask.array"), "Array", None)
         return () if array is None else (array,)
 

@@ -69,7 +69,7 @@ def paths_of(
         attribute `found` is the number of these paths. In polarized variants, radiance is S0.
 
     Raises:
-        ValueError: An argument or the scene is wrong; one line.
+        ValueError: An argument or the scene is wrong.
         BackendError: The active variant does not support transient rendering.
 
     Example:
@@ -383,10 +383,10 @@ def _shapes(scene: mi.Scene, position: np.ndarray, last: np.ndarray) -> np.ndarr
 
 
 def _emitter(scene: mi.Scene, p: np.ndarray) -> str:
-    """Return the identifier of the emitter without a shape at a point.
+    """Return the identifier of the emitter at a point that is on no shape.
 
     If no point light is at the point, the function returns the identifier of the infinitely distant
-    emitter. The result is "emitter" if the scene does not have exactly one such emitter.
+    emitter. The result is "emitter" unless the scene has exactly one infinitely distant emitter.
     """
     # Is a point light at the point?
     emitters = scene.emitters()

@@ -115,7 +115,7 @@ def render(*args: Any, **options: Any) -> xr.Dataset:  # noqa: D417, the record 
         ValueError: An argument or the scene is wrong, or no light can reach the window.
         MemoryError: The bins do not fit into memory. The message names settings that fit.
         BackendError: The active variant does not support transient rendering.
-        KeyboardInterrupt: A render with `out` or workers was stopped; one line.
+        KeyboardInterrupt: A render with `out` or workers was stopped.
 
     Warns:
         UserWarning: More than 1 % of the energy is outside the window, or the render was stopped.
@@ -142,9 +142,9 @@ def render(*args: Any, **options: Any) -> xr.Dataset:  # noqa: D417, the record 
     if out is not None and checkpoint is not None:
         raise ValueError("checkpoint: must be left out with `out`, which keeps all tiles")
     if wanted.denoise and (out is not None or by_workers):
-        raise ValueError("denoise = True: must be False with `out` and with workers")
+        raise ValueError("denoise = True: must be False with `out` or with workers")
     if resume is not None and (out is not None or by_workers):
-        raise ValueError("resume: must be left out with `out` and with workers; see `merge`")
+        raise ValueError("resume: must be left out with `out` or with workers; see `merge`")
 
     # Can the scene be sent to workers?
     if by_workers:

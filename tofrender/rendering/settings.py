@@ -174,7 +174,9 @@ class RenderSettings:
                 if value is not None:
                     raise ValueError(f"{name} = {value:g}: must be left out with `window`")
         if self.errors and self.denoise:
-            raise ValueError("denoise = True: must be False with errors, which stay unknown")
+            raise ValueError(
+                "denoise = True: must be False with errors, which are unknown after denoising"
+            )
         self._check_scene_changes()
 
     def _check_scene_changes(self) -> None:
@@ -207,8 +209,8 @@ class RenderSettings:
                 value = getattr(self, name)
                 if value is not None:
                     raise ValueError(
-                        f"{name} = {checks.quote(value)}: must be left out with an integrator that "
-                        "is made, which has its own"
+                        f"{name} = {checks.quote(value)}: must be left out with a loaded "
+                        "integrator, which has its own"
                     )
 
         # Is a change given twice?

@@ -154,7 +154,7 @@ class StoredFilm(GroupStore[WorkItem, TileReceipt]):
 
 @status("Writing Zarr")
 def save_zarr(dataset: Annotated[xr.Dataset, RENDERED], path: str | os.PathLike[str]) -> xr.Dataset:
-    """Write a Dataset of `render` as a film on disk, tile by tile.
+    """Write a result of `render` as a film on disk, tile by tile.
 
     See also `load_zarr`.
 
@@ -166,9 +166,9 @@ def save_zarr(dataset: Annotated[xr.Dataset, RENDERED], path: str | os.PathLike[
         The film as `load_zarr` opens it.
 
     Raises:
-        ValueError: The Dataset is not a result of `render`, or the name is wrong; one line.
-        FileExistsError: The folder exists; one line.
-        ImportError: The packages zarr and dask are missing; one line.
+        ValueError: The Dataset is not a result of `render`, or the name is wrong.
+        FileExistsError: The folder exists.
+        ImportError: The packages zarr and dask are missing.
 
     Example:
         >>> import tempfile, tofrender

@@ -83,7 +83,7 @@ def strategy_pyramid(
         the samples and the arguments, with the names that `render` uses.
 
     Raises:
-        ValueError: An argument or the scene is wrong; one line.
+        ValueError: An argument or the scene is wrong.
         MemoryError: The pictures do not fit.
 
     Example:

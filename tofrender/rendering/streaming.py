@@ -67,7 +67,9 @@ def stream(
         progress: Show a progress bar.
     """
     if client is not None and job.plan.splats:
-        raise ValueError("client: must be left out, light lands on all tiles; see `render`")
+        raise ValueError(
+            "client: must be left out with `out` for light tracing, whose light lands on all tiles"
+        )
     target = check_film(out)
     folder = under_way(out)
     shape = job.film.shape

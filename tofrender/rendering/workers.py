@@ -132,7 +132,8 @@ class Order:
         """Make the job in a worker.
 
         Raises:
-            ValueError: The scene differs, for example because a file differs.
+            ValueError: The worker's scene differs from the client's scene, for example because a
+                file has other contents.
         """
         job = self.make(**unpacked(self.arguments), axis=self.axis)
         if job.recipe["fingerprint"] != self.fingerprint:
@@ -153,8 +154,8 @@ def local_workers(count: int, threads: int | None = None) -> Iterator[Client]:
         threads: Threads of each process, 1 to 1024. By default, the processes share the cores.
 
     Raises:
-        ValueError: A number is out of range; one line.
-        ImportError: The package distributed or cryptography is missing; one line.
+        ValueError: A number is out of range.
+        ImportError: The package distributed or cryptography is missing.
         RuntimeError: A worker cannot start. One line describes the cause.
     """
     # Check the arguments
@@ -196,7 +197,7 @@ def visible_devices(count: int) -> list[dict[str, str]]:
     The variables are empty under variants that render on the CPU.
 
     Raises:
-        ValueError: There are fewer GPUs than workers; one line.
+        ValueError: There are fewer GPUs than workers.
     """
     backend_name = gpu.backend_of(mi.variant())
     if backend_name is None:
@@ -284,10 +285,10 @@ def workers_for(
 
 
 def check_workers(**given: object) -> bool:
-    """Return whether one of `workers`, `scheduler` and `client` is given, and check its value.
+    """Return whether one of `workers`, `scheduler` and `client` is set, and check its value.
 
     Raises:
-        ValueError: More than one of them is given, or the value is wrong.
+        ValueError: More than one of the three is set, or the value is wrong.
     """
     names = [name for name, value in given.items() if value is not None]
     if len(names) > 1:
@@ -344,7 +345,7 @@ def check_client(client: object) -> int:
     # Are the versions equal?
     for worker, its in found.items():
         if not isinstance(its, Exception) and its != own:
-            raise ValueError(f"client: worker {worker} has {its}; must have {own}")
+            raise ValueError(f"client: worker {worker} has {its}; install {own} there, as here")
 
     # Can all workers activate the variant?
     active = checked.run(backend.activate, mi.variant(), on_error="return")

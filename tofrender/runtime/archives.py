@@ -21,8 +21,8 @@ def read_array(archive: ZipFile, name: str, shape: tuple[int, ...] | None = None
         shape: Expected shape; None if it is unknown.
 
     Raises:
-        ValueError: The array has another shape, or `shape` is None and the array is larger than
-            256 MiB.
+        ValueError: The array has another shape, its entry in the file has a wrong size, or `shape`
+            is None and the array is larger than 256 MiB.
     """
     info = archive.getinfo(f"{name}.npy")
     with archive.open(info) as stream:
@@ -35,7 +35,10 @@ def read_array(archive: ZipFile, name: str, shape: tuple[int, ...] | None = None
         if shape is None and size > MOST_BYTES:
             raise ValueError(f"{name} of {readable(size)}: must be at most {readable(MOST_BYTES)}")
         if stream.tell() + size != info.file_size:
-            raise ValueError(f"{name} with shape {found} does not fill its part of the file")
+            raise ValueError(
+                f"{name}: the file is damaged, its entry does not have the size of an array "
+                f"{found}. Save the file again"
+            )
         memory.require_free(name, size)
         stream.seek(0)
         array = npy.read_array(stream, allow_pickle=False)

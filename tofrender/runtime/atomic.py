@@ -113,7 +113,7 @@ def locked(path: str | os.PathLike, name: str = "path") -> Iterator[None]:
     The block has no effect if the system or the file system does not support locks.
 
     Raises:
-        FileExistsError: Another process holds the lock. The message calls `path` by `name`.
+        FileExistsError: Another process holds the lock. The message names `path` as `name`.
     """
     lock = sibling(path, ".lock")
     lock.parent.mkdir(parents=True, exist_ok=True)
@@ -126,7 +126,16 @@ def locked(path: str | os.PathLike, name: str = "path") -> Iterator[None]:
 
 
 def _lock(path: str | os.PathLike, name: str, lock: Path) -> int:
-    """Create and lock the file `lock`, and return its descriptor."""
+    """Create and lock the file `lock`, and return its descriptor.
+
+    Args:
+        path: Output that the lock protects, for the error message.
+        name: Name of the parameter that contains the path, for the error message.
+        lock: Path of the lock file.
+
+    Raises:
+        FileExistsError: Another process has locked the file.
+    """
     while True:
         file = os.open(lock, os.O_CREAT | os.O_RDWR, 0o666)
         try:

@@ -142,7 +142,7 @@ def default_variant() -> str:
 
 
 def require_gpu(variant: str) -> None:
-    """Refuse a variant that needs a GPU if the GPU cannot trace a ray."""
+    """Raise a BackendError if a variant needs a GPU, and the GPU cannot trace a ray."""
     backend = gpu.backend_of(variant)
     if backend is None:
         return
@@ -168,7 +168,7 @@ def _is_started(backend: str) -> bool:
 
 
 def require_llvm() -> None:
-    """Refuse an LLVM that would abort the process at the first kernel."""
+    """Raise a `BackendError` if LLVM is missing, or would abort the process at the first kernel."""
     import drjit as dr
 
     library = llvm.choose()
@@ -192,7 +192,7 @@ _callbacks: list = []
 
 
 def _require_address_space() -> None:
-    """Refuse a limit by `ulimit -v` that would abort the import of Mitsuba or the first kernel."""
+    """Raise a BackendError if `ulimit -v` would abort the import of Mitsuba or the first kernel."""
     if "drjit" in sys.modules:
         return
     limit, left = memory.address_space()

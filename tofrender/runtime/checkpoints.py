@@ -200,7 +200,7 @@ class Checkpoint:
 
 
 def _require_stored(path: Path) -> None:
-    """Refuse an archive with compressed content. It might unpack to more bytes than memory has."""
+    """Raise a BadZipFile error if an archive is compressed, as it may not fit in memory then."""
     with ZipFile(path) as archive:
         if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:
             raise BadZipFile

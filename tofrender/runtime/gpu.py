@@ -68,7 +68,7 @@ def backend_of(variant: str | None) -> str | None:
 
 
 def is_gpu(variant: str | None) -> bool:
-    """Whether a variant renders on a GPU."""
+    """Return whether a variant renders on a GPU."""
     return backend_of(variant) is not None
 
 
@@ -168,12 +168,12 @@ def cuda_driver() -> ctypes.CDLL | None:
 
 
 def driver_present() -> bool:
-    """Whether this machine has an NVIDIA driver, usable or not."""
+    """Return whether this machine has an NVIDIA driver, usable or not."""
     return DRIVER_FILE.exists() or shutil.which("nvidia-smi") is not None
 
 
 def driver_version() -> str:
-    """Version of the NVIDIA driver, such as "580.95", or the CUDA version that it supports.
+    """Return the version of the NVIDIA driver, such as "580.95", or its CUDA version.
 
     Returns an empty string if neither is known.
     """
@@ -204,7 +204,7 @@ def devices() -> list[str]:
 
 
 def _missing_optix() -> State | None:
-    """State of a machine on which the library of OptiX cannot be loaded; None if it can."""
+    """Return the state of a machine without a working OptiX library, or None if it works."""
     if os.name == "nt":  # Dr.Jit searches the folders of the driver, too
         return None
     named = os.environ.get(VARIABLE)
@@ -219,7 +219,7 @@ def _missing_optix() -> State | None:
 
 
 def _optix_remedy(root: Path = Path("/")) -> str:
-    """Command or change that brings the library of OptiX to this kind of machine."""
+    """Return the command or change that adds the OptiX library to this kind of machine."""
     if "microsoft" in platform.uname().release.lower():
         return f"WSL 2 does not bring OptiX; copy it there as {SETUP_PAGE} describes"
     in_container = (root / ".dockerenv").exists() or (root / "run/.containerenv").exists()
@@ -239,7 +239,7 @@ def _optix_remedy(root: Path = Path("/")) -> str:
 
 
 def _key(backend: str) -> str:
-    """Text that differs whenever the result of the test may differ."""
+    """Return a text that differs whenever the result of the GPU test may differ."""
     parts = [backend, platform.node(), _version("mitsuba"), _version("drjit"), sys.executable]
     if backend == CUDA:
         parts.append(driver_version())
@@ -251,7 +251,7 @@ def _key(backend: str) -> str:
 
 
 def _version(package: str) -> str:
-    """Version of an installed package; an empty string for a build that was not installed."""
+    """Return the version of an installed package, or "" for a build that was not installed."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -259,13 +259,13 @@ def _version(package: str) -> str:
 
 
 def _file() -> Path:
-    """File of the stored results, next to the kernels that Dr.Jit stores."""
+    """Return the file that stores the results of GPU tests, in Dr.Jit's folder of kernels."""
     folder = os.environ.get("DRJIT_CACHE_DIR")
     return (Path(folder) if folder else Path.home() / ".drjit") / "tofrender_gpu.json"
 
 
 def _stored() -> dict[str, State]:
-    """Stored results by key; none if the file is missing or damaged."""
+    """Return the stored results by key, or an empty dict if the file is missing or damaged."""
     try:
         held = json.loads(_file().read_text(encoding="utf-8"))
         return {key: State(**each) for key, each in held.items()}

@@ -74,7 +74,7 @@ def address_space() -> tuple[int, int]:
 
 
 def require_free(what: str, size: int) -> None:
-    """Refuse `what` if it needs more than the free host memory [bytes]."""
+    """Raise a MemoryError if `what` needs more than the free host memory [bytes]."""
     free = free_on_host()
     if size > free:
         raise MemoryError(
@@ -93,7 +93,7 @@ def require_film(
     device_copies: float | None = None,
     host_copies: float = 0.0,
 ) -> None:
-    """Refuse a film that does not fit into memory, and name sizes that would fit.
+    """Raise a MemoryError that names smaller sizes if a film does not fit into memory.
 
     Args:
         height: Number of rows.
@@ -122,7 +122,7 @@ def require_film(
 
 
 def require_array(what: str, count: int, copies: float, *, host_copies: float = 0.0) -> None:
-    """Refuse an array of `count` floats that does not fit into memory `copies` times.
+    """Raise a MemoryError if an array of `count` floats does not fit into memory `copies` times.
 
     On a GPU, `copies` are in its memory, and `host_copies` are in host memory.
     """

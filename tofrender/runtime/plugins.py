@@ -141,7 +141,7 @@ def load_native_plugins() -> frozenset[str]:
 
 
 def require_safe_type(name: str) -> None:
-    """Refuse a plugin with native code outside Mitsuba's package."""
+    """Raise a ValueError if a plugin has native code outside Mitsuba's package."""
     import mitsuba as mi
 
     if not re.fullmatch(r"[\w-]+", name, re.ASCII):
@@ -208,7 +208,7 @@ def limit_depth(props: Any) -> None:
 
 
 def _refuse(_: Any) -> Any:
-    """Refuse a plugin in a scalar variant, and name the supported variants."""
+    """Raise a BackendError that names the supported variants. Scalar variants use this factory."""
     variants.require_vectorized()
 
 

@@ -112,7 +112,7 @@ CHECKS = {name: each.check for name, each in SCENE_SETTINGS.items()}
 
 
 def check_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that are given (not None), each one checked."""
+    """Check the settings, and return the settings that are not None."""
     for name in settings:
         if name not in CHECKS:
             raise TypeError(f"{name}: unknown setting; must be one of {', '.join(CHECKS)}")

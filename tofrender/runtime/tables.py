@@ -31,7 +31,7 @@ def read_toml(name: str, source: str | os.PathLike[str]) -> tuple[dict[str, Any]
 
 
 def known_keys(where: str, given: Mapping[str, Any], allowed: Collection[str]) -> None:
-    """Refuse keys that are not in `allowed`."""
+    """Raise a ValueError if a table contains keys that are not in `allowed`."""
     for key in given:
         if key not in allowed:
             raise ValueError(unknown(f"{where}.{key}" if where else str(key), key, allowed))

@@ -9,7 +9,7 @@ class BackendError(RuntimeError):
 
 
 def require_unpolarized() -> None:
-    """Refuse polarized variants, for results that cannot contain Stokes vectors."""
+    """Raise a BackendError in polarized variants, for results without Stokes vectors."""
     import mitsuba as mi
 
     if mi.is_polarized:
@@ -21,7 +21,7 @@ def require_unpolarized() -> None:
 
 
 def require_vectorized() -> None:
-    """Refuse scalar variants, and a missing variant."""
+    """Raise a BackendError if the variant is a scalar variant, or no variant is active."""
     import mitsuba as mi
 
     variant = mi.variant()

@@ -48,7 +48,7 @@ def bsdf_case(bsdf: dict | mi.BSDF, wi: Any, *, uv: Any = (0.5, 0.5), name: str 
         name: Name in the verdict; by default the BSDF's type and the angle of `wi`.
 
     Raises:
-        ValueError: The BSDF has only Dirac lobes, or an argument is invalid; one line.
+        ValueError: The BSDF has only Dirac lobes, or an argument is invalid.
 
     Example:
         >>> bsdf_case({"type": "diffuse"}, (0, 0, 1)).test(samples=20_000).passed
@@ -110,7 +110,7 @@ def light_case(light: Any, o: Any, *, name: str = "") -> Case:
         name: Name in the verdict; by default the light's type.
 
     Raises:
-        ValueError: The dictionary does not describe a light with a density; one line.
+        ValueError: The dictionary does not describe a light with a density.
 
     Example:
         >>> emitter = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}

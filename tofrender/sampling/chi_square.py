@@ -48,7 +48,7 @@ RETURNED_ROUNDING = 1e-3
 
 
 def check_chance(alpha: Any) -> None:
-    """Refuse a probability `alpha` that is not between 0 and 1."""
+    """Raise a ValueError if the probability `alpha` is not between 0 and 1."""
     if not 0 < checks.number("alpha", alpha, low=0, high=1) < 1:
         raise ValueError(f"alpha = {checks.quote(alpha)}: must be a number between 0 and 1")
 

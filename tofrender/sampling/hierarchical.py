@@ -57,7 +57,7 @@ class HierarchicalWarp:
     Raises:
         FileNotFoundError: The file does not exist.
         ValueError: The image has another shape, is empty, too large or black, or has a value that
-            is negative or not finite; one line.
+            is negative or not finite.
 
     Example:
         >>> warp = HierarchicalWarp([[4.0, 4.0], [1.0, 1.0]])
@@ -152,7 +152,7 @@ class EnvironmentWarp:
     Raises:
         FileNotFoundError: The file does not exist.
         ValueError: As for `HierarchicalWarp`, or the image is too small, or a spectral variant is
-            active; one line.
+            active.
 
     Example:
         >>> sky = np.ones((4, 8))

@@ -127,11 +127,17 @@ class _Cuts:
     ) -> np.ndarray:
         """Integrate `weight` times the image over each cell.
 
+        Edges of cells and samples of the image cut [0, 1] into pieces. The function integrates each
+        piece, and adds the integrals of the pieces of each cell.
+
         Args:
             image: The image (samples, columns).
             before: Index of the sample before each piece.
             after: Index of the sample after each piece. Between both, the image is linear.
             weight: Function of the position.
+
+        Returns:
+            The integrals (cells, columns).
         """
         # Gauss points in each piece
         nodes, factors = np.polynomial.legendre.leggauss(4)

@@ -84,7 +84,7 @@ def point_set(kind: str, count: int, seed: int = 0) -> mi.Point2f:
         seed: Seed of the random numbers, from 0 to 2^32 - 1.
 
     Raises:
-        ValueError: The name is unknown, or a number is out of range; one line.
+        ValueError: The name is unknown, or a number is out of range.
 
     Example:
         >>> point_set("gird", 4)

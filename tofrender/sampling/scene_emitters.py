@@ -29,7 +29,7 @@ def emitters_of(scene: mi.Scene) -> SurfaceGroup:
         scene: A scene. All its emitters must be area lights with constant radiance.
 
     Raises:
-        ValueError: The scene contains another emitter or none; one line.
+        ValueError: The scene contains another emitter or none.
 
     Example:
         >>> light = {"type": "area", "radiance": {"type": "rgb", "value": 3.0}}
@@ -41,7 +41,7 @@ def emitters_of(scene: mi.Scene) -> SurfaceGroup:
     for emitter in scene.emitters():
         named = f"scene: emitter {emitter.id()!r}"
         if not mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface):
-            raise ValueError(f"{named} has no surface; must be area lights")
+            raise ValueError(f"{named} has no surface; must be an area light")
         if mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying):
             raise ValueError(f"{named} is textured; must have a constant radiance")
     lights = [shape for shape in scene.shapes() if shape.is_emitter()]

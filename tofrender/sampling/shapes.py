@@ -48,7 +48,7 @@ class SurfaceGroup(Shape):
         shapes: At least one shape.
 
     Raises:
-        ValueError: The list is empty, or contains something else than shapes; one line.
+        ValueError: The list is empty, or contains something else than shapes.
 
     Attributes:
         shapes: The shapes.

@@ -126,19 +126,19 @@ class Sphere(Shape):
         dc: mi.Float,
         height: mi.Float,
     ) -> EmitterRecord:
-        """Return the record of a ray.
+        """Intersect a ray with the sphere, and return the emitter record of the intersection.
 
-        Inside the sphere, the ray extends by `half` before and after its point nearest to the
-        center. The lengths to both intersections, t_center -+ half, have the product `power`, which
-        gives the shorter length without a cancellation.
+        The ray meets the sphere at the distances t_center - half and t_center + half. The product
+        of both distances is power = dc² - r². The shorter distance is computed as `power` divided
+        by the longer distance, which avoids the cancellation of the difference.
 
         Args:
             o: Start of the ray.
             d: Direction of the ray.
-            sideways: Vector from the center to the nearest point of the ray.
-            offset: Length of this vector [m].
-            t_center: Length of the ray up to this point [m].
-            dc: Distance of `o` and the center [m].
+            sideways: Vector from the center to the point of the ray that is nearest to the center.
+            offset: Length of `sideways` [m].
+            t_center: Distance from `o` to the point of the ray nearest to the center [m].
+            dc: Distance between `o` and the center [m].
             height: Height 1 - cos(theta_max) of the cone.
         """
         r = self.radius

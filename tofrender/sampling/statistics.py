@@ -36,7 +36,7 @@ def p_values(
         Array of shape (...); 0 where a value is not finite.
 
     Raises:
-        ValueError: There are fewer than two seeds, or the shapes do not match; one line.
+        ValueError: There are fewer than two seeds, or the shapes do not match.
 
     Example:
         >>> noise = np.random.default_rng(1).normal(size=(64, 3))

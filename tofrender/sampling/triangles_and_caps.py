@@ -38,7 +38,7 @@ def literal(numbers: np.ndarray) -> mi.Vector3f:
 
 
 def parallelogram_area(e0: np.ndarray, e1: np.ndarray, named: str) -> float:
-    """Return the area between two edges, shape (3,) each, and refuse edges that are parallel.
+    """Return the area between two edges, shape (3,) each. Parallel edges raise an error.
 
     Args:
         e0: First edge.
@@ -46,7 +46,7 @@ def parallelogram_area(e0: np.ndarray, e1: np.ndarray, named: str) -> float:
         named: Name of the edges, for messages.
 
     Raises:
-        ValueError: Single precision does not distinguish the area from 0; one line.
+        ValueError: Single precision does not distinguish the area from 0.
     """
     area = float(np.linalg.norm(np.cross(e0, e1)))
     longest = max(e0 @ e0, e1 @ e1, (e0 - e1) @ (e0 - e1))

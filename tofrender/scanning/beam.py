@@ -25,11 +25,11 @@ MOST = 64
 
 
 def require_followed(scene: mi.Scene, space: Space) -> None:
-    """Refuse what the lidar does not support.
+    """Raise a ValueError if the lidar does not support the scene.
 
     Raises:
         ValueError: The lidar is in water, or the scene contains fog with mirrors, rough glass, or
-            certain masks; one line.
+            certain masks.
     """
     flags = mi.BSDFFlags
     has = mi.has_flag

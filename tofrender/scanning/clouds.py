@@ -166,7 +166,7 @@ def _points(waveforms: xr.Dataset, shot: np.ndarray, columns: dict[str, Any]) ->
 
 
 def _read(waveforms: object) -> xr.Dataset:
-    """Read a Dataset of `lidar`. The origin of a lidar that moves differs between shots."""
+    """Read a result of `lidar`. The origin of a lidar that moves differs between shots."""
     kind = WAVEFORMS
     origin = waveforms.get("origin") if isinstance(waveforms, xr.Dataset) else None
     if origin is not None and "shot" in origin.dims:

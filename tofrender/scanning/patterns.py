@@ -102,7 +102,7 @@ def _read(path: Any) -> pd.DataFrame:
 
 
 def read_pattern(pattern: Any) -> xr.Dataset:
-    """Read a Dataset of `scan_pattern`, or the pattern of a result of `lidar`."""
+    """Read a result of `scan_pattern`, or the pattern in a result of `lidar`."""
     found = read(pattern, PATTERN, "pattern")
     for name in PATTERN.variables:
         checks.finite("pattern", checks.real_array("pattern", found[name].values))

@@ -100,7 +100,7 @@ def lidar(*args: Any, **options: Any) -> xr.Dataset:  # noqa: D417, the record h
 
     Raises:
         ValueError: Scene, pattern or a value are invalid, or the scene contains materials that the
-            lidar does not support; one line.
+            lidar does not support.
 
     Example:
         >>> shots = lidar("cornell_box", scan_pattern(shots=(4, 4), fov_deg=(20, 20)), spp=4)

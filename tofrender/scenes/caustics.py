@@ -25,15 +25,15 @@ def caustic(*, lamp_radius: float = 0.025, **options: Unpack[TransientOptions]) 
 
     The focused light forms a bright ring on the floor, inside the shadow of the sphere. The glass
     blocks connections from the ring to the lamp. Paths that continue through the glass hit the lamp
-    by chance, and the probability falls with the lamp's radius. The lamp's power is the same for
-    any `lamp_radius`, so the picture hardly depends on the radius.
+    by chance, and they hit a smaller lamp less often. The lamp's power is the same for any
+    `lamp_radius`, so the picture hardly depends on the radius.
 
     Args:
         lamp_radius: Radius of the lamp [m], above 0 and at most 0.2.
         **options: `width` and `height` [pixels], from 1 to 65536, by default 256; `temporal_bins`
             from 1 to 1048576 (300); `start_opl` [m] (4.2, slightly before the first light
             arrives); `bin_width_opl` [m] above 0 (0.02); `spp` (256); `max_depth` in segments,
-            including the camera's, -1 for no limit (10; each glass surface ends a segment);
+            including the camera's, -1 for no limit (10; each crossing of glass adds a segment);
             `integrator`, a transient integrator with a `max_depth` ("transient_path").
 
     Returns:

@@ -1,4 +1,4 @@
-"""Refuse loaded scenes that would render wrong: unsupported features and invalid numbers."""
+"""Checks of loaded scenes: unsupported features and invalid numbers raise errors."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ SENSOR = "a sensor of the scene, as scene.sensors()[0]"
 
 
 def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None, **supported: bool) -> None:
-    """Refuse a scene if its picture would be wrong or black without an error.
+    """Raise a ValueError if the picture of a scene would be wrong or black without an error.
 
     Args:
         scene: The scene.
@@ -61,7 +61,7 @@ def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None, **supported: b
         **supported: Features that the integrator supports, the options of `require_modeled`.
 
     Raises:
-        ValueError: If the scene is refused; one line.
+        ValueError: If the scene is not supported, or a parameter is wrong.
     """
     require_modeled(scene, sensor, **supported)
     require_usable(scene)
@@ -72,7 +72,7 @@ def check_scene(scene: mi.Scene, sensor: mi.Sensor | None = None, **supported: b
 
 
 def check_view(scene: mi.Scene, sensor: mi.Sensor, **supported: bool) -> None:
-    """Check a scene by `check_scene`, and refuse a `sensor` that is not an `mi.Sensor`."""
+    """Check a scene by `check_scene`. Raise an error for a `sensor` that is not an `mi.Sensor`."""
     check_scene(scene, sensor, **supported)
     checks.instance("sensor", sensor, mi.Sensor, SENSOR)
 
@@ -85,7 +85,7 @@ def require_modeled(
     polarization: bool = False,
     beams: bool = True,
 ) -> None:
-    """Refuse a scene of another variant, and features that the integrator does not support.
+    """Raise a ValueError for a scene of another variant, and for features without support.
 
     Args:
         scene: The scene.
@@ -96,7 +96,7 @@ def require_modeled(
             paths from the camera cannot hit.
 
     Raises:
-        ValueError: If the scene is refused; one line.
+        ValueError: If the scene is not supported, or a parameter is wrong.
     """
     # The variant
     active = mi.variant() or "none"
@@ -142,7 +142,7 @@ def require_modeled(
 
 
 def require_usable(scene: mi.Scene) -> None:
-    """Refuse plugins that Mitsuba cannot evaluate in the active variant."""
+    """Raise a ValueError if Mitsuba cannot evaluate a plugin in the active variant."""
     spectral = mi.is_spectral
     for node in mi.traverse(scene).hierarchy:
         kind = node.class_name()
@@ -159,7 +159,7 @@ def require_usable(scene: mi.Scene) -> None:
 
 
 def require_sound(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
-    """Refuse parameters that are not finite, negative light, and transforms without an inverse.
+    """Raise a ValueError for infinite parameters, negative light, and transforms without inverse.
 
     Args:
         scene: The scene.
@@ -240,7 +240,7 @@ def _warn_of_narrow_spot(emitter: mi.Emitter) -> None:
 
 
 def _require_positive(emitter: mi.Emitter) -> None:
-    """Refuse an emitter with negative light."""
+    """Raise a ValueError if an emitter has negative light."""
     shape = emitter.get_shape()
     owner = (emitter if shape is None else shape).id() or emitter.class_name()
     for name, value in mi.traverse(emitter):
@@ -250,7 +250,7 @@ def _require_positive(emitter: mi.Emitter) -> None:
 
 
 def require_extent(scene: mi.Scene) -> None:
-    """Refuse a scene that is too small, or too far from the origin, for Mitsuba's ray offsets.
+    """Raise a ValueError if a scene is too small, or too far from the origin, for ray offsets.
 
     Mitsuba starts rays at a distance of 9e-5 (1 m + largest coordinate) from surfaces. In small
     scenes this offset is visible.
@@ -272,7 +272,7 @@ def require_extent(scene: mi.Scene) -> None:
 
 
 def require_inverse(name: str, transform: Any, *, flat: bool = False) -> None:
-    """Refuse a transform with a wrong or missing inverse.
+    """Raise a ValueError if a transform has a wrong or missing inverse.
 
     Mitsuba computes a wrong inverse for a rotation about an axis with a length other than 1.
 
@@ -283,7 +283,7 @@ def require_inverse(name: str, transform: Any, *, flat: bool = False) -> None:
             applies their transform to the vertices and does not keep it.
 
     Raises:
-        ValueError: If the transform is refused; one line.
+        ValueError: If the inverse is wrong or missing.
     """
     both = (transform, transform.inverse())
     matrix, inverse = (np.array(each.matrix, dtype=float).reshape(4, 4)[:3, :3] for each in both)

@@ -18,7 +18,7 @@ def translate_names(state: Any) -> None:
     - The parameter `nlos_confocal` of a `transient_nlos_path` becomes `capture_type`.
 
     Raises:
-        ValueError: If a node has no equivalent; one line.
+        ValueError: If a node has no equivalent.
     """
     for node in state.nodes:
         name = node.props.plugin_name()

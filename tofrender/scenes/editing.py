@@ -33,7 +33,7 @@ def qualify_plugins(state: Any) -> None:
 
 
 def name_shapes(state: Any) -> None:
-    """Give each shape without an id its name in the XML file as id. Exporters write such names."""
+    """Use the name in the XML file as the id of each shape without an id."""
     for parent in state.nodes:
         for name, value in parts(parent.props):
             if isinstance(value, mi.Properties.ResolvedReference) and not name.startswith("_"):
@@ -55,7 +55,7 @@ def change(state: Any, settings: Mapping[str, Any]) -> None:
         settings: Checked settings of `SceneSettings`, by name.
 
     Raises:
-        ValueError: If the scene cannot be changed in this way; one line.
+        ValueError: If the scene cannot be changed in this way.
     """
     # Nodes are addressed by index, because the list moves in memory when a node is added
     nodes = state.nodes

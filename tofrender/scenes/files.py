@@ -1,4 +1,4 @@
-"""Refuse files on which Mitsuba crashes or hangs: deeply nested XML, PLY files with wrong indices.
+"""Checks of files on which Mitsuba crashes or hangs: deeply nested XML, PLY with wrong indices.
 
 Mitsuba reports all other errors in files.
 """
@@ -45,7 +45,7 @@ _HEADER = re.compile(rb"\Aply\s.*?\bend_header\r?\n", re.DOTALL)
 
 
 def require_shallow_xml(path: Path, parameters: Mapping[str, str]) -> None:
-    """Refuse an XML file if Mitsuba's parser would crash or hang on it or on a file it includes.
+    """Raise a ValueError if Mitsuba's parser would crash or hang on an XML file or its includes.
 
     The causes are tags that are nested too deeply, a second root, a file that includes itself, and
     too many includes.
@@ -55,7 +55,7 @@ def require_shallow_xml(path: Path, parameters: Mapping[str, str]) -> None:
         parameters: Values of the parameters, which names of included files may contain.
 
     Raises:
-        ValueError: If the file is refused; one line.
+        ValueError: If the parser would crash or hang, or a file cannot be read.
     """
     _require_shallow(path, parameters, (), [])
 
@@ -130,7 +130,7 @@ def _require_shallow(
 
 
 def require_utf8(name: str, text: str | os.PathLike[str]) -> None:
-    """Refuse a path or text that is not valid UTF-8, which Mitsuba cannot read."""
+    """Raise a ValueError if a path or text is not valid UTF-8, which Mitsuba cannot read."""
     text = os.fspath(text)
     try:
         text.encode()
@@ -142,10 +142,10 @@ def require_utf8(name: str, text: str | os.PathLike[str]) -> None:
 
 
 def require_readable_dict(description: Mapping[str, Any]) -> None:
-    """Refuse a dict that is nested too deeply, contains None, or names an unsafe plugin.
+    """Raise a ValueError if a dict is nested too deeply, contains None, or names an unsafe plugin.
 
     Raises:
-        ValueError: If the dict is refused; one line with the path of the entry.
+        ValueError: If the dict is not supported. The message contains the path of the entry.
     """
     level: list[Any] = [("", description)]
     for _ in range(MAX_NESTING):
@@ -169,7 +169,7 @@ def require_readable_dict(description: Mapping[str, Any]) -> None:
 
 
 def require_indices(filename: str) -> None:
-    """Refuse a PLY file if a face refers to a vertex that does not exist."""
+    """Raise a ValueError if a face of a PLY file refers to a vertex that does not exist."""
     path = resolved_path(filename)
     if not path.is_file():
         return

@@ -83,7 +83,7 @@ def load_scene(
         The scene, in the active variant.
 
     Raises:
-        ValueError: If the scene's name or content, a setting or a parameter is wrong; one line.
+        ValueError: If the scene's name or content, a setting or a parameter is wrong.
         FileNotFoundError: If the XML file does not exist.
 
     Example:
@@ -178,7 +178,7 @@ def load_plugin(what: str, description: Mapping[str, Any], kind: type = object) 
         kind: The class that the plugin must have.
 
     Raises:
-        ValueError: If the plugin cannot be loaded or has another class; one line.
+        ValueError: If the plugin cannot be loaded or has another class.
     """
     name = description.get("type")
     if not isinstance(name, str):
@@ -197,7 +197,7 @@ def load_plugin(what: str, description: Mapping[str, Any], kind: type = object) 
 
 
 def require_sensor(scene: mi.Scene, number: Any = 0, name: str = "sensor") -> mi.Sensor:
-    """Return the scene's sensor with an index, and refuse a scene without sensors."""
+    """Return the scene's sensor with an index. Raise an error for a scene without sensors."""
     sensors = scene.sensors()
     if not sensors:
         raise ValueError("scene: sensor is missing. Add a sensor, for example a perspective camera")
@@ -205,7 +205,7 @@ def require_sensor(scene: mi.Scene, number: Any = 0, name: str = "sensor") -> mi
 
 
 def require_light(scene: mi.Scene) -> None:
-    """Refuse a scene without a light, because its picture would be black."""
+    """Raise a ValueError if a scene has no light, because its picture would be black."""
     if not scene.emitters():
         raise ValueError("scene: light is missing. Add an emitter, for example a point light")
 
@@ -374,7 +374,7 @@ def _parse_file(config: Any, path: Path, parameters: Mapping[str, Any]) -> Any:
 
 
 def _require_safe(state: Any) -> None:
-    """Refuse foreign native plugins, wrong inverses, and PLY files on which Mitsuba crashes."""
+    """Raise a ValueError for foreign native plugins, wrong inverses, and wrong indices in PLY."""
     for node in state.nodes:
         props = node.props
         plugins.require_safe_type(props.plugin_name())
@@ -392,7 +392,7 @@ def _require_safe(state: Any) -> None:
 
 
 def _require_extended(props: mi.Properties) -> None:
-    """Refuse a sphere or a cylinder of size zero, based on the parameters in the scene.
+    """Raise a ValueError for a sphere or a cylinder of size zero, and name its parameters.
 
     A loaded shape has only a transform, so a later message could not name these parameters.
     """

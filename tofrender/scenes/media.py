@@ -83,7 +83,7 @@ def beyond(scene: mi.Scene, sensors: mi.Medium | None = None) -> mi.Medium | Non
 
 
 def require_sound_media(scene: mi.Scene, sensor: mi.Sensor | None = None) -> None:
-    """Refuse unphysical media, and a sensor with a medium that contradicts the boundaries it sees.
+    """Raise a ValueError for unphysical media, and if the sensor's medium contradicts boundaries.
 
     In scenes with distant emitters, a medium around the sensor must have a boundary. In a polarized
     variant, a blend of phase functions must not contain a phase function that polarizes.
@@ -98,7 +98,7 @@ def require_sound_media(scene: mi.Scene, sensor: mi.Sensor | None = None) -> Non
 
 
 def _require_sound(medium: mi.Medium) -> None:
-    """Refuse an albedo or a weight outside [0, 1], and a negative or infinite extinction."""
+    """Raise a ValueError for an albedo or weight outside [0, 1], or a wrong extinction."""
     for name, value in mi.traverse(medium):
         first = name.split(".")[0]
         if is_spectral_coefficients(value) or is_wavelength(name):
@@ -112,7 +112,7 @@ def _require_sound(medium: mi.Medium) -> None:
 
 
 def _require_depolarizing(medium: mi.Medium) -> None:
-    """Refuse a blend of phase functions that contains a polarizing phase function."""
+    """Raise a ValueError if a blend of phase functions contains a polarizing phase function."""
     for node in mi.traverse(medium).hierarchy:
         blended = isinstance(node, mi.PhaseFunction) and node is not medium.phase_function()
         if blended and node.class_name() == RAYLEIGH:

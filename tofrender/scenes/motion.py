@@ -73,7 +73,7 @@ class Motion:
 
     @property
     def _axis_point(self) -> np.ndarray:
-        """A point of the axis at the time 0 [m]; the origin if the part does not rotate."""
+        """Return a point of the axis at the time 0 [m], or the origin without rotation."""
         if self.rotation_center is not None:
             return np.array(self.rotation_center)
         if any(self.angular_velocity):
@@ -126,7 +126,7 @@ def moving(scene: mi.Scene, motions: Mapping[str, Motion]) -> mi.Scene:
         The same scene.
 
     Raises:
-        ValueError: If an id is not in the scene, or the part cannot move; one line.
+        ValueError: If an id is not in the scene, or the part cannot move.
 
     Example:
         >>> import mitsuba as mi, tofrender
@@ -339,7 +339,7 @@ def movable_parts(scene: mi.Scene) -> dict[str, Any]:
 
 
 def require_movable(argument: str, name: str, known: Mapping[str, Any]) -> None:
-    """Refuse ids that are not in the scene, and parts that cannot move."""
+    """Raise a ValueError if an id is not in the scene, or if a part cannot move."""
     allowed = checks.join_names([each for each in known if not each.startswith("__")])
     merged = "; Mitsuba merges shapes that share a material unless loaded with optimize=False"
     checks.require(argument, name, name in known, f"an id of the scene, one of {allowed}{merged}")
@@ -371,7 +371,7 @@ def require_movable(argument: str, name: str, known: Mapping[str, Any]) -> None:
 
 
 def _require_slow(motion: Motion, part: Any) -> None:
-    """Refuse a shape if a corner of its bounding box is faster than `FASTEST`."""
+    """Raise a ValueError if a corner of a shape's bounding box is faster than `FASTEST`."""
     if isinstance(part, mi.Shape):
         slow = motion.speed_at(part.bbox()) <= FASTEST
         checks.require("motions", part.id(), slow, f"of speeds up to {FASTEST:g} m/s")

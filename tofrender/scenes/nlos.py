@@ -238,7 +238,7 @@ def _scene(
         if not origin[2] < nearest:
             raise ValueError(
                 f"device = {checks.quote(device)}: with an occluder, the device must be nearer to "
-                f"the wall than the hidden shape. Choose z below {nearest:g}"
+                f"the wall than the hidden shape. Choose a distance z below {nearest:g} m"
             )
         plate["occluder"] = _occluder(np.array(origin), points)
     return {

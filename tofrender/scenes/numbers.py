@@ -49,7 +49,7 @@ def is_wavelength(name: str) -> bool:
 def require_all(
     name: str, value: Any, good: Callable[[np.ndarray], np.ndarray], allowed: str
 ) -> None:
-    """Refuse a parameter with a wrong number. The message shows all numbers if they are few.
+    """Raise a ValueError if a parameter has a wrong number. The message shows a few numbers.
 
     Args:
         name: Name of the parameter.

@@ -40,7 +40,7 @@ def transient_integrator_for(integrator: Any) -> str:
     The integrator may be nested in a wrapper.
 
     Raises:
-        ValueError: If the paths of the integrator are unknown; one line.
+        ValueError: If the paths of the integrator are unknown.
     """
     printed = str(integrator)
     if "max_depth" not in printed or not type(integrator).__module__.startswith("mitsuba"):
@@ -57,7 +57,7 @@ def path_tracer_of(integrator: Any) -> dict[str, Any]:
         A dict for `mi.load_dict` with type, depths and `hide_emitters`.
 
     Raises:
-        ValueError: If the depths of the integrator are unknown; one line.
+        ValueError: If the depths of the integrator are unknown.
     """
     printed = re.match(r"\w+\[\s*max_depth = (\d+)(?:,\s*rr_depth = (\d+))?", str(integrator))
     if printed is None:
@@ -94,7 +94,7 @@ def change_integrator(
         now_transient: Whether the settings replaced a steady film by a transient film.
 
     Raises:
-        ValueError: If the integrator cannot be replaced; one line.
+        ValueError: If the integrator cannot be replaced.
     """
     wrapper = nodes[index].props.plugin_name()
     inner = _innermost(nodes, index)

@@ -111,7 +111,7 @@ def steady_scene(
 
 
 def _merged(defaults: Dict, options: Mapping[str, Any]) -> Dict:
-    """Return defaults with the user's options, and refuse unknown options."""
+    """Return defaults with the user's options. Raise an error for unknown options."""
     for name in options:
         if name not in defaults:
             raise TypeError(f"{name} is not an option. Use {', '.join(defaults)}")

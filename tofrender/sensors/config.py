@@ -46,7 +46,7 @@ def sense(dataset: Annotated[xr.Dataset, TRANSIENT], sensor: Any, seed: int = 0)
         and `save_capture` accept the counts.
 
     Raises:
-        ValueError: A key is unknown, a value is not allowed or does not fit the render; one line.
+        ValueError: A key is unknown, a value is not allowed or does not fit the render.
         FileNotFoundError: The file does not exist.
 
     Example:
@@ -94,7 +94,7 @@ def sense(dataset: Annotated[xr.Dataset, TRANSIENT], sensor: Any, seed: int = 0)
 
 
 def _capture(capture: xr.Dataset, config: dict[str, Any]) -> xr.Dataset:
-    """Read a capture, and refuse captures and sensors with counts that do not fit its points."""
+    """Read a capture. Raise an error if the capture or the sensor is not supported."""
     capture = read_capture(capture, "dataset")
     if capture.attrs["capture_mode"] == "exhaustive":
         raise ValueError("dataset: exhaustive captures are not supported; use single or confocal")

@@ -21,7 +21,7 @@ def expected_taps(
 ) -> np.ndarray:
     """Return the expected photoelectrons (tap, ...) of N taps.
 
-    m_k = S / N g(phase - 2 pi k / N) + B / N with the sensitivity g of `correlation`.
+    m_k = (S / N) g(phase - 2 pi k / N) + B / N with the sensitivity g of `correlation`.
 
     Args:
         signal: Photoelectrons S of the signal, (...).

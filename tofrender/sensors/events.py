@@ -86,7 +86,12 @@ class KeyLayout:
         return pending.pixel * self.pixel_stride + pending.time
 
     def pending_after(self, keys: np.ndarray, bins: int) -> Pending:
-        """Return the avalanches of the last `bins` bins, for the next chunk."""
+        """Return the avalanches in the last `bins` bins, which can affect the next chunk.
+
+        Args:
+            keys: Keys of all avalanches of this chunk.
+            bins: Number of bins before the end of the chunk.
+        """
         pixel = keys // self.pixel_stride
         time = keys - pixel * self.pixel_stride - self.cycles * self.bins
         last = (time >= -bins) & (time < 0)
@@ -191,7 +196,7 @@ class SpadRow:
     def _with_blocking(
         self, keys: np.ndarray, blocking: Pending, layout: KeyLayout
     ) -> tuple[np.ndarray, Any]:
-        """Add avalanches of the chunk before to sorted keys, and return which these are."""
+        """Add avalanches of the previous chunk to sorted keys. Return keys and a mask of these."""
         if not blocking.pixel.size:
             return keys, np.False_
         keys = np.concatenate([layout.keys_of(blocking), keys])

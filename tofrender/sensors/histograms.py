@@ -99,7 +99,7 @@ class Histogram:
 
 
 def _as_dataset(labeled: xr.Dataset | xr.DataArray) -> xr.Dataset:
-    """Return counts as a Dataset of `Spad.histogram` has them.
+    """Return counts as they are in a result of `Spad.histogram`.
 
     Axes of records of data sets have a prefix. The attributes of a record describe the film, not
     the sensor. Therefore the width of its bins comes from the coordinate alone.
@@ -141,7 +141,7 @@ def _places(values: xr.DataArray, time: str) -> np.ndarray:
 
 
 def _require_even(name: str, centers: np.ndarray) -> None:
-    """Refuse bins with centers [m] that are not evenly spaced."""
+    """Raise a ValueError if the centers [m] of bins are not evenly spaced."""
     bins = xr.DataArray(centers, {"opl": centers}, "opl")
     bins_of(bins, name)
 

@@ -151,7 +151,7 @@ class MultiZone:
             A Dataset with `counts (pose, zone, bin)`.
 
         Raises:
-            ValueError: The argument is not such a Dataset; one line.
+            ValueError: The argument is not such a Dataset.
         """
         light = Light.of(renders)
         signal = self.crossed(np.einsum("zyx,pyxf->pzf", self.weights(light), light.radiance))

@@ -63,7 +63,7 @@ class Rates:
     def result(
         self, name: str, dims: Any, values: Any, units: str, step: Any = (1, 1), **coords: Any
     ) -> xr.Dataset:
-        """Create a Dataset of what a sensor measures.
+        """Create a Dataset of a sensor's measurements.
 
         The number of cycles is a variable, so that it is correct in a sum of two Datasets.
 
@@ -92,7 +92,7 @@ def at_least_0(name: str, values: Any, dtype: Any = np.float64) -> np.ndarray:
 
 
 def check(values: np.ndarray, most: float) -> np.ndarray:
-    """Refuse rates that are negative or not finite, and warn if a pixel has more than `most`."""
+    """Return rates. Raise a ValueError for wrong rates, and warn of more than `most` per pixel."""
     at_least_0("rates", values, None)
     found = 0.0 if most == np.inf else float(values.sum(axis=2).max(initial=0))
     if found > most:

@@ -49,7 +49,7 @@ class Spad(SpadParameters):
         device_seed: Seed of hot pixels and of the widths of codes.
 
     Raises:
-        ValueError: A value is out of range, or a parameter has no effect; one line.
+        ValueError: A value is out of range, or a parameter has no effect.
         ValueError: A value out of range, or a parameter that nothing depends on.
 
     Example:
@@ -69,11 +69,12 @@ class Spad(SpadParameters):
     ) -> xr.Dataset:
         """Simulate histograms of time stamps.
 
-        Two methods exist. Cycles that start armed, without paralysis, afterpulses, crosstalk and
-        macro pixels, are sampled from the exact distribution of their counts. The cost hardly
-        depends on `cycles`. Otherwise photons are simulated one by one, in chunks of cycles, with
-        about 150 MB per thread. Each row has its own random numbers, so that the result does not
-        depend on chunks of the film. Too many photons per cycle cause a warning.
+        Two methods exist. Counts are sampled from their exact distribution, if the detector is
+        armed at the start of each cycle and has no paralysis, afterpulses, crosstalk or macro
+        pixels. The cost of this method hardly depends on `cycles`. Otherwise photons are simulated
+        one by one, in chunks of cycles, with about 150 MB per thread. Each row has its own random
+        numbers, so that the result does not depend on chunks of the film. Too many photons per
+        cycle cause a warning.
 
         Args:
             rates: A Dataset of `expected_photons`, or an array (y, x, bin) of photons per pixel,
@@ -88,7 +89,8 @@ class Spad(SpadParameters):
             the coordinate opl [m]. Counts are int64, so that sums of counts do not overflow.
 
         Raises:
-            ValueError: The rates are invalid, or dead time, TDC or macro pixels do not fit them.
+            ValueError: The rates are invalid, or their bins and pixels are not compatible with the
+                dead time, the TDC or the macro pixels.
         """
         readout = Readout(self, Rates(rates, cycles, bin_width_opl, MAX_RATE), seed)
         return self._counts(readout, readout.histogram, np.int64)

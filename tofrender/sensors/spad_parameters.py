@@ -66,7 +66,7 @@ class SpadParameters:
         self._refuse_parameters_without_effect()
 
     def _refuse_parameters_without_effect(self) -> None:
-        """Refuse parameters that have no effect in this mode or with these other parameters."""
+        """Raise a ValueError if a parameter has no effect in this mode or with other parameters."""
         if self.mode == "first_photon":
             for name in ("dead_time_s", "afterpulse_probability"):
                 if getattr(self, name):

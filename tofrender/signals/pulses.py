@@ -95,7 +95,7 @@ class GaussianPulse:
 
     @property
     def _variable_width(self) -> Any:
-        """Width with gradients, or width that a fit changes between kernels; otherwise None."""
+        """Return the width if it has gradients, or if a fit changes it; otherwise return None."""
         width = self._width
         if dr.grad_enabled(width) or (width is not None and width.state == dr.VarState.Evaluated):
             return width
@@ -235,7 +235,7 @@ class SampledPulse:
 
         Raises:
             FileNotFoundError: If the file does not exist.
-            ValueError: If the file does not contain a pulse; one line.
+            ValueError: If the file does not contain a pulse.
 
         Example:
             >>> import tempfile
@@ -361,12 +361,12 @@ class KnotPulse(SampledPulse):
 def _integral_of_exponentials(
     knots: np.ndarray, levels: np.ndarray, edges: np.ndarray
 ) -> np.ndarray:
-    """Integral from the first knot up to each edge, of a function with a linear logarithm."""
+    """Integrate a function with a linear logarithm from the first knot up to each edge."""
     widths = np.diff(knots)
     slopes = np.diff(np.log(levels))
 
     def fraction(slope: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Integral of exp(slope u) over u from 0 to x."""
+        """Return the integral of exp(slope u) over u from 0 to x."""
         small = np.abs(slope) < 1e-9
         safe = np.where(small, 1.0, slope)
         return np.where(small, x, np.expm1(safe * x) / safe)

@@ -38,7 +38,7 @@ def ns_to_opl(time_ns):
 
 
 def _times(name, value, factor, labels):
-    """Multiply a number or an array by a factor, and refuse other types.
+    """Multiply a number or an array by a factor. Raise an error for other types.
 
     A DataArray gets the given labels, because its unit changes.
     """

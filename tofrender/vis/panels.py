@@ -131,7 +131,7 @@ def _without_channels(count: int, parts: dict[str, np.ndarray]) -> dict[str, np.
 
 
 class _Map(NamedTuple):
-    """A picture of numbers, and the label of its color bar."""
+    """Name, values and colors of a map in a figure, and the label of its color bar."""
 
     name: str
     values: np.ndarray
@@ -179,7 +179,10 @@ def _draw(
 
 
 def _unwrapped(frequencies: list[float], phasors: np.ndarray, lit: np.ndarray) -> list[_Map]:
-    """Return depth and residual by the phases at all frequencies, or nothing for too many wraps."""
+    """Return the maps of depth and residual from phase unwrapping with all frequencies.
+
+    The list is empty if frequencies are equal, or if there are too many wraps to search.
+    """
     # Is the common period short enough?
     if len(set(frequencies)) < max(2, len(frequencies)):
         return []

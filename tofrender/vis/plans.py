@@ -73,7 +73,7 @@ def plan_figure(
     checks.instance("scene", scene, mi.Scene, f"an mi.Scene of variant {mi.variant()}")
     checks.text("title", title)
     if not scene.shapes():
-        raise ValueError("scene: a plan needs shapes; the scene is empty")
+        raise ValueError("scene: a plan needs shapes, but the scene contains none. Add a shape")
     shown = list(VIEWS[checks.one_of("view", view, VIEWS)])
     device = _integrators_laser(scene) if laser is None else np.array(checks.point("laser", laser))
 

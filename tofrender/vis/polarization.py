@@ -49,7 +49,7 @@ def polarization_picture(
         uint8 (height, width, 3), sRGB.
 
     Raises:
-        ValueError: Another shape, or an argument out of range; one line.
+        ValueError: Another shape, or an argument out of range.
 
     Example:
         >>> light = np.ones((4, 6, 4, 1)) * np.array([1.0, 0.5, 0.0, 0.0])[:, None]
@@ -115,7 +115,7 @@ def polarization_figure(
         title: Title of the figure, or None.
 
     Raises:
-        ValueError: Another shape, or a number out of range; one line.
+        ValueError: Another shape, or a number out of range.
 
     Example:
         >>> light = np.ones((4, 6, 4, 1)) * np.array([1.0, 0.5, 0.0, 0.0])[:, None]

@@ -36,7 +36,7 @@ class Transient:
     quantity: str = "radiance per bin"
 
     def __post_init__(self) -> None:
-        """Refuse values that no figure can show."""
+        """Raise a ValueError if a value has a wrong type, shape or range."""
         self.values = _cube("values", self.values)
         self.start_opl = checks.meters("start_opl", self.start_opl)
         self.bin_width_opl = checks.meters("bin_width_opl", self.bin_width_opl, positive=True)
@@ -52,7 +52,7 @@ class Transient:
         bin_width_opl: float | None = None,
         quantity: str | None = None,
     ):
-        """Read a Dataset of `render`, or an array with its time axis. Stokes vectors become S0."""
+        """Read a result of `render`, or an array with its time axis. Stokes vectors become S0."""
         first = (0, 0)
         if quantity is not None:
             checks.one_of("quantity", quantity, QUANTITIES)

@@ -45,7 +45,11 @@ def techniques(scene: str) -> dict[str, str]:
 
 @lru_cache(maxsize=64)
 def render_technique(scene: str, technique: str, spp: int, seed: int = 0) -> Picture:
-    """Render one of `SCENES` by one of its `techniques`. A reference ignores `spp`."""
+    """Render one of `SCENES` with one of its `techniques`.
+
+    The technique "reference" ignores `spp`: its image is stored, with `REFERENCE_SPP` samples per
+    pixel.
+    """
     checks.one_of("technique", technique, techniques(scene))
     if technique == "reference":
         with np.load(REFERENCES) as references:

@@ -18,7 +18,7 @@ DIFFERENCES = "RdBu_r"  # Matplotlib's colors of negative and positive differenc
 
 
 class Comparison(App):
-    """The page of one reader. It shows a scene of the course, or pictures from files."""
+    """The page of one browser session. It shows a scene of the course, or pictures from files."""
 
     _esm = bundle.javascript(
         "ui/parts",

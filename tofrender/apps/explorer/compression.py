@@ -132,7 +132,7 @@ class Scale:
 
     @property
     def tolerance(self) -> float:
-        """Largest relative error of values above `least`. The error of others is below `least`."""
+        """Return the largest relative error of values above `least`."""
         return math.sqrt(self.ratio) - 1
 
     def codes(self, values: np.ndarray) -> np.ndarray:

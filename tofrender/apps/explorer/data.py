@@ -79,7 +79,7 @@ class ExplorerData:
 
 
 def explorer_data(data: Any, orders: Any = None, distance_m: Any = None) -> ExplorerData:
-    """Check a Dataset that `explore` supports, and prepare what an explorer shows of it."""
+    """Check a Dataset that `explore` supports, and prepare the data that an explorer shows."""
     checks.require("data", data, isinstance(data, xr.Dataset), "an xarray.Dataset")
     if distance_m is not None:
         distance_m = by_pixel(distance_m, data, "distance_m")
@@ -275,7 +275,7 @@ def _rows_from_top(frame_axes: np.ndarray) -> slice:
 
 
 def _phasors(data: xr.Dataset) -> ExplorerData:
-    """Phasors I + iQ (frequency, y, x, channel), of `tofrender phasor` or of an iToF camera."""
+    """Return phasors I + iQ (frequency, y, x, channel) of a phasor film or an iToF camera."""
     data = read(data, PHASORS, "data")
     re, im = (luminance(data[name].values).astype(np.float64) for name in "IQ")
     frequencies = [float(each) for each in data["frequency"].values]
@@ -311,7 +311,7 @@ def _volume(data: xr.Dataset) -> ExplorerData:
 
 
 def wall_of(volume: xr.Dataset, capture: Any) -> dict[str, np.ndarray]:
-    """Points of a capture's wall, its laser spots and the origins of legs in the volume's frame."""
+    """Return wall points, laser spots and segment origins of a capture, in the volume's frame."""
     capture = read_capture(capture, "capture")
     if not {"frame_origin", "frame_axes"} <= set(volume.data_vars):
         raise ValueError(
@@ -338,7 +338,7 @@ def wall_of(volume: xr.Dataset, capture: Any) -> dict[str, np.ndarray]:
 
 
 def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
-    """Light of all strategies of a pyramid, and of each number of bounces."""
+    """Return the light of all strategies of a pyramid, and of each number of bounces."""
     if "weighting" not in data.dims or not {"s", "t"} <= set(data.coords):
         raise ValueError("data with strategies: must be a result of strategy_pyramid")
     weighted = data.sel(weighting="mis", drop=True).assign_attrs(quantity=QUANTITIES[0])
@@ -353,7 +353,7 @@ def _strategies(data: xr.Dataset) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
 
 
 def _range_rate(data: xr.Dataset) -> tuple[xr.Dataset, Any]:
-    """Light of all rates as a film, and a layer (rate, y, x, bins, 1) with its axis."""
+    """Return the light of all rates as a film, and a layer (rate, y, x, bins, 1) with its axis."""
     data = read(data, RANGE_RATES, "data")
     light, opl, rate = checked_film(data, "data")
     kept = [name for name in ("radiance", "steady") if name in data]
@@ -381,7 +381,7 @@ def _orders(orders: Any, data: xr.Dataset) -> dict[str, Cube]:
 
 
 def _distances(distance_m: Any, size: tuple[int, int], notes: list[str]) -> np.ndarray:
-    """Distances of all pixels; those without a surface get the mean of the others."""
+    """Return the distances of all pixels. Pixels without a surface get the mean distance."""
     distances = checked_distances(distance_m, size)
     seen = np.isfinite(distances)
     if not seen.any():
@@ -395,7 +395,7 @@ def _distances(distance_m: Any, size: tuple[int, int], notes: list[str]) -> np.n
 
 
 def _in_grid(points: np.ndarray, grid: np.ndarray) -> list[list[float]]:
-    """Columns and rows of points in the grid of a relay wall."""
+    """Return columns and rows of points in the grid of a relay wall."""
     rows, columns = np.indices(grid.shape[:2])
     known = np.column_stack([grid.reshape(-1, 3), np.ones(rows.size)])
     pixels = np.column_stack([columns.ravel(), rows.ravel()])

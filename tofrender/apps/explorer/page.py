@@ -53,7 +53,7 @@ def report(
         overwrite: Replace an existing file.
 
     Raises:
-        ValueError: `data` is another Dataset, or another argument does not fit; one line.
+        ValueError: `data` is another Dataset, or another argument does not fit.
         FileExistsError: The file exists.
         PermissionError: The folder is not writable.
         OSError: The disk is full. An unfinished file is removed.

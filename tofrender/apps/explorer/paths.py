@@ -21,7 +21,10 @@ ALLOWED = "a list of results of paths_of"
 
 
 def path_lists(paths: Any, kind: str) -> list[dict[str, Any]]:
-    """Convert results of `paths_of` for some pixels by `plain_paths`. Refuse other values."""
+    """Convert results of `paths_of` for some pixels with `plain_paths`.
+
+    Other values raise an error.
+    """
     _require_render("paths", paths, kind)
     given = checks.instance("paths", [] if paths is None else paths, list | tuple, ALLOWED)
     lists = [read(each, PATHS, "paths").transpose("path", "vertex", ...) for each in given]

@@ -59,7 +59,7 @@ def explore(
         describes the contents.
 
     Raises:
-        ValueError: `data` is another Dataset, or another argument does not fit; one line.
+        ValueError: `data` is another Dataset, or another argument does not fit.
         MemoryError: The codes do not fit into memory.
         ImportError: anywidget is missing.
 

@@ -132,7 +132,7 @@ def _parts(vertices: np.ndarray, faces: np.ndarray) -> dict[str, np.ndarray]:
     is_table = (vertices[faces][:, :, 2] <= top).all(axis=1)
     if is_table.all():
         raise ValueError(
-            "the mesh has nothing above its widest part; must be a table and an object"
+            "the mesh has no points above its widest part. It must contain a table and an object"
         )
     return {"object": faces[~is_table], "cloth": faces[is_table]}
 

@@ -109,7 +109,7 @@ def _ignore_closed_pages(loop: Any, context: dict[str, Any]) -> None:
 
 
 def _probe(host: str, port: int) -> None:
-    """Refuse an address or a port that is not available for listening."""
+    """Raise a ValueError if the server cannot listen on an address or a port."""
     try:
         if not host:
             raise UnicodeError("it is empty")
@@ -159,7 +159,7 @@ def _server(make: Callable[[], Any], title: str, host: str, port: int, token: st
 
 
 def _restrict(server: Any, host: str) -> None:
-    """Refuse requests that the application's page never makes, before any other handler.
+    """Deny requests that the application's page never makes, before any other handler.
 
     Panel imports the Python module in an address below /components/. A page of another site can
     reach a server of this machine under the site's host name (DNS rebinding). Pages on other ports

@@ -1,6 +1,6 @@
 """The warp tester: warps, shapes and lights to look at, and their chi-square tests.
 
-`subjects` lists the subjects. `sources` contains their functions, by this package and by a user.
+`subjects` lists these subjects. `sources` contains their functions, from this package or a user.
 `probes` calls the user's functions in a separate process. `engine` draws and tests, and `window`
 is the page.
 """
@@ -27,7 +27,7 @@ def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) ->
             "hierarchical", "no_op"; "triangle", "sphere_cap"; "quad_light", "triangle_light",
             "sphere_light", "two_lights".
         module: A user's Python file, or folder of files, with functions of the course. By
-            default the working folder in an edition that leaves out subjects, otherwise None.
+            default the working folder in a student edition without all subjects, otherwise None.
         **parameters: Parameters of the subject: `alpha` of "beckmann", `image` of "hierarchical" (a
             path, a bitmap or an array), `apex`, `cos_theta_max`, `distance`.
 
@@ -35,7 +35,7 @@ def warptest(subject: str = "tent", *, module: Any = None, **parameters: Any) ->
         A component of Panel, which a notebook shows.
 
     Raises:
-        ValueError: A name, a module or a parameter is wrong; one line.
+        ValueError: A name, a module or a parameter is wrong.
         RuntimeError: Panel is not installed.
 
     Example:

@@ -129,7 +129,7 @@ def save(drawn: Drawn, verdict: Verdict, title: str, format: str) -> bytes:
 class Engine:
     """The library, a user's module, and a thread.
 
-    Without a module, an edition that leaves out subjects uses the working folder.
+    Without a module, a student edition that lacks subjects uses the working folder.
     """
 
     def __init__(self, module: Any = None) -> None:

@@ -51,7 +51,10 @@ _last: list[tuple[Any, Functions]] = []
 
 
 def _functions(theirs: Any, subject: str, values: dict[str, Any]) -> Functions:
-    """Return sampler and density. They are made again for another subject or other parameters."""
+    """Return the sampling function and the density of a subject.
+
+    Both are made again for another subject or other parameters.
+    """
     key = (subject, {k: np.asarray(v).tobytes() for k, v in values.items()})
     if not _last or _last[0][0] != key:
         _last[:] = [(key, SUBJECTS[subject].make(lambda name: getattr(theirs, name), **values))]

@@ -1,4 +1,4 @@
-"""Sources of a subject's functions: this package, or a user's file in its own process."""
+"""Sources of a subject's functions: this package, or a user's file in a separate process."""
 
 from __future__ import annotations
 
@@ -31,14 +31,18 @@ class Library:
     """The warps of this package."""
 
     def names(self) -> list[str]:
-        """Return the names of the subjects. An edition may have fewer subjects."""
+        """Return the names of the subjects. A student edition may contain fewer subjects."""
         return [name for name, subject in SUBJECTS.items() if not is_left_out(subject)]
 
     def case(self, name: str, given: Mapping[str, Any]) -> Case:
-        """Return sampler and density of a subject.
+        """Return the sampling function and the density of a subject, for a test.
+
+        Args:
+            name: Name of the subject (warp, shape or light) in `SUBJECTS`.
+            given: Values of its parameters, by name.
 
         Raises:
-            LeftOut: This edition leaves out the subject.
+            LeftOut: This student edition does not contain the subject.
         """
         from ... import sampling
 
@@ -49,7 +53,7 @@ class Library:
 
 
 def is_left_out(subject: Subject) -> bool:
-    """Return whether this package, as an edition that leaves out subjects, withholds a subject."""
+    """Return whether this package is a student edition that does not contain the subject."""
     from ... import sampling
 
     try:
@@ -97,15 +101,18 @@ class Module:
         return self.path if self.path.is_dir() else self.path.parent
 
     def names(self) -> list[str]:
-        """Return the names of the subjects with a defined sampler."""
+        """Return the names of the subjects whose sampling function the user's module defines."""
         return [name for name in SUBJECTS if self.file_of(name)]
 
     def file_of(self, name: str) -> str:
-        """Return the name of the file that defines a subject's sampler, or ""."""
+        """Return the name of the file that defines a subject's sampling function, or ""."""
         return self.defined.get(SUBJECTS[name].names[0], "") if SUBJECTS[name].names else ""
 
     def case(self, name: str, given: Mapping[str, Any]) -> Case:
-        """Return sampler and density of a subject. They raise `NoAnswer` if the user's fail."""
+        """Return the user's sampling function and density for a subject.
+
+        Both functions raise `NoAnswer` if the user's functions fail.
+        """
         # Are all functions defined?
         subject = SUBJECTS[name]
         values = subject.values(given)
@@ -131,7 +138,7 @@ class Module:
         return Case(sample, pdf, subject.domain, label)
 
     def refresh(self) -> bool:
-        """Whether a file has changed since the last call; then the process is restarted."""
+        """Restart the process if a file has changed, and return whether a file has changed."""
         stats = {path.name: path.stat() for path in self._files()}
         states = {name: (each.st_mtime_ns, each.st_size) for name, each in stats.items()}
         if states == self._states:

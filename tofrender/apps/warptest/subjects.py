@@ -41,7 +41,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Subject:
-    """A sampler with its density."""
+    """What the tester draws and tests: a warp, shape or light with a sampler and its density."""
 
     title: str
     group: str  # "Warps", "Shapes" or "Lights"

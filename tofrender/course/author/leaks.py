@@ -47,8 +47,8 @@ def later_leaks(assignment: Assignment, folder: Path) -> list[str]:
     """Find solutions of later assignments in an edition.
 
     Later assignments are in the same folder and have a greater id. Their solutions are the files of
-    `solutions/`, and the modules that their problems withhold. An assignment without `solutions/`
-    is a copy that a student has started, and is not searched for.
+    `solutions/`, and the modules of the package that student editions leave out for their problems.
+    A folder without `solutions/` is the working copy of a student, and is skipped.
 
     Args:
         assignment: Assignment of the edition.

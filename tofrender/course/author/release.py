@@ -38,7 +38,10 @@ LOCAL_LINK = re.compile(r'<a href="(?!https?:|#)[^"]*">(.*?)</a>', re.DOTALL)
 
 
 class Leak(RuntimeError):
-    """A student edition contains withheld parts or does not work; one line for each reason."""
+    """A student edition contains withheld parts or does not work.
+
+    The message has one line for each reason.
+    """
 
 
 def release(assignment: Assignment, out: Path, *, pdf: bool = False) -> Path:

@@ -109,7 +109,7 @@ def _film() -> None:
 
 
 def _assignment(name: str) -> None:
-    """Check that the released assignment is found in the edition, without solutions."""
+    """Check that this edition finds the assignment `name`, and that it has no `solutions/`."""
     from tofrender.course import assignments
 
     found = assignments.find(name)

@@ -154,10 +154,11 @@ class Class:
 
         Args:
             member: Member of the class.
-            files: The copy, or earlier results, which are returned.
+            files: The copied files. If earlier results are passed instead, they are returned.
 
         Returns:
-            The results without the tests, and a note with the duration or the problem.
+            The results without the entries of single tests, and a note with the duration or the
+            problem.
         """
         if isinstance(files, dict):
             return files, "graded before"

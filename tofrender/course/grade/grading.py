@@ -307,7 +307,8 @@ def open_grader(assignment: Assignment, seed_before: int = 0, **options: Any) ->
 
     Args:
         assignment: Assignment with all its tests.
-        seed_before: Seed in earlier results of the class, 0 without earlier results.
+        seed_before: Seed of earlier results of the class, which is used again. 0 chooses a random
+            seed.
         **options: `time_limit_s`, `memory_gib` and `format` of the grader.
     """
     seed = seed_of(assignment, seed_before)

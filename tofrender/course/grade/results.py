@@ -124,7 +124,7 @@ class Results:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the content of a results file and its extra data; empty if it cannot be read."""
+    """Return a results file's content and extra data, both empty if it cannot be read."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         return content, dict(content["extra_data"])

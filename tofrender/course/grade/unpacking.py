@@ -428,7 +428,7 @@ def _tar_entry(archive: tarfile.TarFile, info: tarfile.TarInfo) -> _Entry:
 
 
 def _few(archive: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
-    """Yield the members of a tar archive; refuse one with too many."""
+    """Yield the members of a tar archive. Raise an error for one with too many."""
     for number, info in enumerate(archive):
         if number >= MAX_FILES:
             raise BadSubmission(f"contains more than {MAX_FILES} entries")
@@ -436,7 +436,7 @@ def _few(archive: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
 
 
 def _decompress(source: Path, target: Path) -> None:
-    """Write a tar file without compression, and refuse a file that expands to too much."""
+    """Write a tar file without compression. Raise an error for a file that expands to too much."""
     limit = MAX_BYTES + MAX_FILES * 2 * tarfile.BLOCKSIZE
     written = 0
     with source.open("rb") as file, target.open("xb") as outgoing:

@@ -285,7 +285,7 @@ class Worker:
 
 
 def shortened(text: str) -> str:
-    """Return the first `MAX_REASON` characters of a reason."""
+    """Shorten a reason to `MAX_REASON` characters."""
     return text if len(text) <= MAX_REASON else f"{text[:MAX_REASON]} [...]"
 
 

@@ -107,7 +107,7 @@ def shape(actual: Any, expected: tuple[int, ...], what: str, *, hint: str = "") 
 
 
 def true(condition: Any, what: str, *, hint: str = "") -> None:
-    """Require that a condition holds; `what` is the text of the failure."""
+    """Require that a condition is true. `what` is the message if it is false."""
     if not bool(condition):
         raise Failure("\n".join([what, *_hint(hint)]))
 
@@ -275,7 +275,7 @@ class _Comparison:
             self.fail(f"shape {tuple(expected)}", f"shape {actual.shape}")
 
     def fail_at(self, index: int, actual: Any, expected: Any, factor: Any = None) -> NoReturn:
-        """Fail, showing one element and a picture of all elements.
+        """Fail the test. The message shows one element and a picture of all elements.
 
         Args:
             index: Flat index of the element.
@@ -349,7 +349,7 @@ class _Comparison:
 
 
 def _hint(hint: str) -> list[str]:
-    """Return the line of a hint; no line for an empty hint."""
+    """Return a list with the line of a hint, or an empty list for an empty hint."""
     return [f"{HINT}{hint}"] if hint else []
 
 

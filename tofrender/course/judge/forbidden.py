@@ -52,7 +52,7 @@ class Forbidden(Exception):
 
 
 def refuse(what: str) -> NoReturn:
-    """Raise `Forbidden`; `what` is the feature with a verb, for example "mi.warp is"."""
+    """Raise `Forbidden`. `what` is the feature with a verb, for example "mi.warp is"."""
     raise Forbidden(f"{what} not allowed in this problem: write it yourself")
 
 
@@ -101,7 +101,7 @@ def _remove_warps() -> None:
     import mitsuba as mi
 
     def attribute(name: str) -> Any:
-        """Refuse the access to a deleted function."""
+        """Raise an error on the access to a deleted function."""
         refuse(f"mi.warp.{name} is")
 
     for name in list(vars(mi.warp)):

@@ -135,7 +135,7 @@ class Submission:
 
 @pytest.fixture
 def submission(request: pytest.FixtureRequest) -> Submission:
-    """The judged submission."""
+    """Return the judged submission."""
     expect.configure(test=request.node.name)  # for the file names of pictures
     request.node.stash[SUBMISSION] = Submission(request)
     return request.node.stash[SUBMISSION]

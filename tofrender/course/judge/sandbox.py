@@ -318,7 +318,7 @@ def spare_users() -> list[int]:
 
 
 def _lines_of(name: str) -> list[str]:
-    """Read the lines of a file in this process's folder of `/proc`."""
+    """Read the lines of `/proc/self/NAME`. The file must exist."""
     with open(f"/proc/self/{name}", encoding="ascii", errors="replace") as file:
         return file.readlines()
 

@@ -30,7 +30,7 @@ def slowness() -> float:
 
 
 def _work() -> float:
-    """Do the fixed work: a loop in Python, and sums and exponentials of arrays."""
+    """Run the fixed work: a loop in Python, and sums and exponentials of arrays."""
     total = 0.0
     for k in range(200_000):
         total += math.sqrt(k)

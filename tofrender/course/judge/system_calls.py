@@ -206,7 +206,9 @@ def _conditions(own: int, judge: bool) -> dict[str, list[Condition]]:
 
 
 def _check(word: int, comparison: int, values: Sequence[int]) -> list[bytes]:
-    """Return instructions that refuse the call if an argument does not meet a condition.
+    """Return seccomp instructions (BPF) that deny a system call by one of its arguments.
+
+    The call fails with the error EPERM if the argument does not meet the condition.
 
     Args:
         word: Word of the arguments, see `_conditions`.
@@ -226,7 +228,10 @@ def _check(word: int, comparison: int, values: Sequence[int]) -> list[bytes]:
 
 
 def _unless(values: Iterable[int]) -> list[bytes]:
-    """Return instructions that refuse the call unless the loaded word equals one of the values."""
+    """Return instructions that deny the system call unless the loaded word is one of `values`.
+
+    The word is part of an argument, see `_check`. A denied call fails with the error EPERM.
+    """
     values = list(values)
     equal = [_step(IF_EQUAL, value, len(values) - k, 0) for k, value in enumerate(values)]
     return [*equal, _step(RETURN, REFUSE | EPERM)]

@@ -121,7 +121,7 @@ class NLOSCaptureMeter(mi.Sensor):
 
     @tracing_lock()
     def follow_laser(self, scene: mi.Scene) -> None:
-        """Look at the laser spot, if the film is one pixel of an original film."""
+        """Aim the sensor at the laser spot, if the film is one pixel of an original film."""
         if self.follows_laser:
             # Import here, because editions without `paths` contain this sensor
             from ...paths.surfaces import first_surface

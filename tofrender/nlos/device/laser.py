@@ -28,7 +28,7 @@ def find_laser(scene: mi.Scene) -> Any:
     """Return the only emitter of the scene, which must be a projector or a spot.
 
     Raises:
-        ValueError: The scene has other emitters; one line.
+        ValueError: The scene has other emitters.
     """
     emitters = scene.emitters()
     delta = mi.EmitterFlags.DeltaPosition
@@ -93,7 +93,7 @@ def aim_laser(laser: Any, target: Any) -> None:
     """Aim a laser, a projector or spot, at a point [m].
 
     Raises:
-        ValueError: The point is the position of the laser; one line.
+        ValueError: The point is the position of the laser.
     """
     origin = mi.Point3f(axis(laser)[0])
     target = mi.Point3f(target)
@@ -145,7 +145,7 @@ def position_of(device: mi.Sensor | mi.Emitter) -> np.ndarray:
 
 
 def require_aim(scene: mi.Scene) -> None:
-    """Refuse a meter with a laser that is aimed at a pixel outside the film."""
+    """Raise a ValueError if the laser of a meter is aimed at a pixel outside the film."""
     for meter in _meters(scene):
         if meter.laser_target is not None:
             raise ValueError(meter.misplaced_aim())
@@ -183,8 +183,8 @@ def focus_laser(
         The point [m], shape (3,).
 
     Raises:
-        ValueError: Not exactly one of the three is given, an argument is out of range, or the pixel
-            sees no surface; one line.
+        ValueError: Not exactly one of the three is set, an argument is out of range, or the pixel
+            sees no surface.
 
     Example:
         >>> from tofrender import load_scene

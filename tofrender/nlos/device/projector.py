@@ -79,7 +79,7 @@ class ConfocalProjector(mi.Emitter):
         self.tries = checks.integer("max_rejection_samples", tries, 1, 64)
         frame: Any = props.get("frame", None)
         if frame is None and not self.is_confocal:
-            raise ValueError("frame: is missing; must be given if is_confocal is false")
+            raise ValueError("frame is missing. Add it, or set is_confocal to true")
         self.frame: Any = None if frame is None else mi.ScalarTransform4f(_pose(frame))
 
         # Pulse
@@ -173,7 +173,13 @@ class ConfocalProjector(mi.Emitter):
         return d, self.colors.at(index, wavelengths, active) * weight
 
     def intensity(self, axes: mi.Frame3f, direction: mi.Vector3f, wavelengths: Any = None) -> Any:
-        """Return the radiant intensity [W/sr] in a direction, at wavelengths [nm]."""
+        """Return the radiant intensity [W/sr] of the spots in a direction.
+
+        Args:
+            axes: Frame of the projector, whose z axis is the optical axis.
+            direction: Unit vector in world space.
+            wavelengths: Wavelengths [nm] in spectral variants.
+        """
         # Coordinates in the plane of the pattern
         local = axes.to_local(direction)
         x = local.x / (local.z * self.tan)
@@ -267,7 +273,9 @@ def _pulse(props: mi.Properties) -> tuple[float, Pulse | None]:
 
     # A histogram
     if values is None:
-        raise ValueError("pulse_values: are missing; must be given if pulse_type is 'histogram'")
+        raise ValueError(
+            "pulse_values are missing. Add them, or choose a pulse_type other than 'histogram'"
+        )
     from ...signals.pulses import SampledPulse
 
     return 0.0, SampledPulse(numbers("pulse_values", values).ravel(), start, bin_width)
@@ -284,7 +292,7 @@ def _spots(props: mi.Properties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     # All three lists must be given
     for name in LISTED:
         if name not in given:
-            raise ValueError(f"{name}: is missing; must be given with {given[0]}")
+            raise ValueError(f"{name} is missing. Add it, because {given[0]} is set")
     positions, sigmas, powers = (numbers(name, listed[name]).ravel() for name in LISTED)
 
     # The sizes must fit

@@ -27,7 +27,7 @@ def is_on_relay_wall(
     """Return a mask of the surface points that are on the relay wall, one or more shapes.
 
     Raises:
-        ValueError: An argument has the wrong type; one line.
+        ValueError: An argument has the wrong type.
 
     Example:
         >>> scene = mi.load_dict({"type": "scene", "wall": {"type": "rectangle"}})
@@ -154,7 +154,7 @@ def wall_points(
         nearest pixel.
 
     Raises:
-        ValueError: No pixel looks at the wall; one line.
+        ValueError: No pixel looks at the wall.
     """
     # Trace the pixel centers
     width, height = (int(n) for n in sensor.film().crop_size())

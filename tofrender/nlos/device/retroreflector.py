@@ -148,7 +148,7 @@ def _exponent(value: Any) -> float:
 
 
 def _in_unit_interval(texture: Any) -> Any:
-    """Return a texture, and refuse values outside [0, 1].
+    """Return a texture. Raise an error for values outside [0, 1].
 
     A texture that varies is tested at 256 x 256 points. In spectral variants it is not tested,
     because Mitsuba's conversion to spectra limits the values.

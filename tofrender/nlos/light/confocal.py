@@ -79,7 +79,7 @@ class ConfocalTransientIntegrator(RelayWallPath):
         self.projector: Any = projector
 
     def scan(self, scene: mi.Scene, sensor: mi.Sensor | None, wall: list[mi.Shape]) -> Scan:
-        """Describe the scan, and refuse fog between the camera and the spot of a point laser."""
+        """Describe the scan. Raise an error for fog between camera and spot of a point laser."""
         if self.projector is None and sensor is not None:
             require_clear_way(scene, sensor, self.laser_origin(scene, sensor))
         scan = super().scan(scene, sensor, wall)
@@ -117,7 +117,7 @@ class ConfocalTransientIntegrator(RelayWallPath):
         return self.laser_spot(scan, beam), seen
 
     def capture_modes(self, sensor: mi.Sensor | None) -> tuple[str, ...]:
-        """Return "confocal", and refuse a projector that does not follow the camera."""
+        """Return "confocal". Raise an error for a projector that does not follow the camera."""
         follows = self.projector is None or self.projector.is_confocal
         allowed = "True for a capture, whose laser follows the camera"
         checks.require("is_confocal", follows, follows, allowed)

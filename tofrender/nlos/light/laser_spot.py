@@ -62,7 +62,7 @@ def counted_lanes(
     active: mi.Bool,
     off_wall: mi.Bool | bool = False,
 ) -> mi.Bool:
-    """Return the lanes in which a path counts, by the filters of the scan.
+    """Return the lanes in which the scan includes the path, by the filters of the scan.
 
     Args:
         scan: The scan, with its filters `hidden_only` and `bounces`.
@@ -269,7 +269,7 @@ def scatter_beam(scan: Scan, beam: Beam) -> Beam:
 
 @tracing_lock()
 def require_smooth_spot(scan: Scan, si: mi.SurfaceInteraction3f) -> None:
-    """Refuse laser spots on mirrors or glass in scenes with media, where beams cannot continue."""
+    """Raise a ValueError in scenes with media if a laser spot is on a mirror or on glass."""
     if scan.specular is None or not scan.space.scatters:
         return
     if dr.any(scan.specular.lobes.at(si, mi.Bool(True)) != 0):
@@ -281,7 +281,7 @@ def require_smooth_spot(scan: Scan, si: mi.SurfaceInteraction3f) -> None:
 
 @tracing_lock()
 def require_clear_way(scene: mi.Scene, sensor: mi.Sensor, laser: np.ndarray) -> None:
-    """Refuse media that scatter on the rays of the sensor, or between their ends and the laser.
+    """Raise a ValueError for media that scatter on sensor rays, or from their ends to the laser.
 
     A point laser that the sensor sees in fog has an infinite radiance.
 
@@ -291,7 +291,7 @@ def require_clear_way(scene: mi.Scene, sensor: mi.Sensor, laser: np.ndarray) -> 
         laser: Position of the laser [m].
 
     Raises:
-        ValueError: A medium scatters on one of these segments; one line.
+        ValueError: A medium scatters on one of these segments.
     """
     if not media_of(scene, sensor):
         return

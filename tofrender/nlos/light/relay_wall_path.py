@@ -156,7 +156,7 @@ class RelayWallPath(TransientPath):
         """Describe the scan of a sensor's rays.
 
         Raises:
-            ValueError: Hidden geometry is missing, or the sensor is in water or glass; one line.
+            ValueError: Hidden geometry is missing, or the sensor is in water or glass.
         """
         # Is there any hidden geometry?
         surfaces = [s for s in scene.shapes() if not s.is_emitter()]

@@ -50,7 +50,7 @@ class ScanPlan(Plan):
         """Return the plan for derivatives: the laser spot moves, and only walked paths find it.
 
         Raises:
-            ValueError: The scene has media, mirrors or glass; one line.
+            ValueError: The scene has media, mirrors or glass.
         """
         if self.space.scatters:
             raise ValueError(
@@ -88,7 +88,15 @@ class ScanPlan(Plan):
         return laser, [seen]
 
     def connect_camera(self, endpoint, ray, origin, sampler, measurement, active):
-        """Accumulate light of three bounces, by corner connections."""
+        """Add paths with three bounces (wall, hidden target, wall) to the measurement.
+
+        See `CornerConnections`: the vertex that the camera sees is connected to the laser spot
+        through points on the hidden target shapes. The default connections are used if the scan
+        does not sample hidden shapes.
+
+        Returns:
+            The measurement, and the number of contributions that are not finite.
+        """
         guided = self.scan.guided
         if self.scan.mis_weight is None or guided is None:
             return super().connect_camera(endpoint, ray, origin, sampler, measurement, active)

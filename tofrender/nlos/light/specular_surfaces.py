@@ -27,7 +27,7 @@ class Specular:
         """Find the mirrors and glass of a scene. Return None if all surfaces are rough.
 
         Raises:
-            ValueError: A mirror or glass is not supported, e.g. as an instance; one line.
+            ValueError: A mirror or glass is not supported, e.g. as an instance.
         """
 
         def is_specular(bsdf: mi.BSDF | None) -> bool:

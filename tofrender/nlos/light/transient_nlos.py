@@ -182,7 +182,7 @@ class TransientNLOSPath(RelayWallPath):
 
     @tracing_lock()
     def _check_aim(self, scan: Scan, kind: str, sensor: mi.Sensor | None) -> None:
-        """Refuse a laser that misses the wall or is in the plane of the wall."""
+        """Raise a ValueError if the laser misses the wall or is in the plane of the wall."""
         # Single capture: where does the laser hit the wall?
         if kind == "single":
             require_aim(scan.scene)
@@ -286,11 +286,11 @@ def _read_mitransient(props: mi.Properties) -> None:
 
 
 class LaserEmitter(SceneLights):
-    """Next-event estimation of the scene's laser, restricted to the paths that a scan counts.
+    """Next-event estimation of the scene's laser, restricted to the paths that a scan includes.
 
     Args:
         scan: The scan.
-        counts_single_bounce: Whether light of a single bounce counts.
+        counts_single_bounce: Whether to include light that is scattered only once, at the wall.
     """
 
     def __init__(self, scan: Scan, counts_single_bounce: bool) -> None:
@@ -302,7 +302,12 @@ class LaserEmitter(SceneLights):
     def connect(
         self, vertex: Vertex, path: Path, sampler: mi.Sampler, active: mi.Bool
     ) -> Connection:
-        """Connect to the laser as `SceneLights` does, if the path counts."""
+        """Connect to the laser as `SceneLights` does, for paths that the scan includes.
+
+        The scan decides by the depth of the path and by its earlier vertices. Light of a single
+        bounce must also have the path length `first_opl` or more. The length of the connection is
+        0 if the scan's path lengths do not contain the segment from the laser.
+        """
         # Does the path count?
         if not self.counts_single_bounce:
             active = active & (path.depth > 0)

@@ -46,7 +46,7 @@ def find_background(counts: np.ndarray, pixels: int, zero: int) -> Background:
         zero: Bin of path length 0.
 
     Raises:
-        ValueError: All bins after the reflection are empty; one line.
+        ValueError: All bins after the reflection are empty.
 
     Warns:
         UserWarning: No bin exceeds the dark counts. All bins after the reflection are kept.

@@ -86,7 +86,7 @@ def backproject(
 
 
 def _voxels_a_step(measured: Measured) -> int:
-    """Number of voxels in one kernel launch."""
+    """Return the number of voxels in one kernel launch."""
     _, rows, columns, _ = measured.shape
     return max(1, _PAIRS_A_STEP // (rows * columns))
 

@@ -27,7 +27,7 @@ def max_projection(volume: Annotated[xr.Dataset, VOLUME]) -> xr.DataArray:
     """Return the largest intensity along z, (y, x).
 
     Raises:
-        ValueError: The argument is not a result of `reconstruct`; one line.
+        ValueError: The argument is not a result of `reconstruct`.
     """
     return _intensity(volume).max("z")
 
@@ -46,7 +46,7 @@ def depth_map(volume: Annotated[xr.Dataset, VOLUME], threshold: float = 0.2) -> 
 
     Raises:
         ValueError: The volume is not a result of `reconstruct`, its steps of z are uneven, or the
-            threshold is out of range; one line.
+            threshold is out of range.
     """
     intensity = _intensity(volume)
     values = intensity.values
@@ -114,7 +114,7 @@ def depth_error(
         The differences. They are NaN if no pixel has both depths.
 
     Raises:
-        ValueError: `truth` has another shape or contains only NaN; one line.
+        ValueError: `truth` has another shape or contains only NaN.
 
     Example:
         >>> import xarray as xr

@@ -14,7 +14,7 @@ fft: Any = scipy.fft
 
 
 def require_memory(method: str, shape: Sequence[int], copies: float) -> None:
-    """Refuse a method with complex arrays that do not fit into memory.
+    """Raise a MemoryError if the complex arrays of a method do not fit into memory.
 
     Args:
         method: Name of the method, for the message.

@@ -107,7 +107,7 @@ def reconstruct(
 
     Raises:
         ValueError: The argument is not a capture, its light is not finite, it does not support the
-            method (the message lists the supported methods), or an option is invalid; one line.
+            method (the message lists the supported methods), or an option is invalid.
         MemoryError: The reconstruction does not fit into memory.
 
     Warns:
@@ -179,7 +179,7 @@ def _options(method: str, given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _check_method(method: str, measured: Measured) -> None:
-    """Refuse a method that the capture does not support, and bins without any light."""
+    """Raise a ValueError if the capture does not support the method, or all bins are empty."""
     even = measured.lattice is not None
     allowed = ["bp", "fbp"]
     allowed += ["lct", "fk"] * (even and measured.mode == "confocal")

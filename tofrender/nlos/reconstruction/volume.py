@@ -21,7 +21,7 @@ class VolumeGrid:
     Each axis is (low edge [m], high edge [m], number of voxels).
 
     Raises:
-        ValueError: An axis is not such a triple, or it is behind the wall; one line.
+        ValueError: An axis is not such a triple, or it is behind the wall.
 
     Example:
         >>> VolumeGrid((-1, 1, 4), (-1, 1, 4), (0.5, 1.5, 10)).centers("x").tolist()
