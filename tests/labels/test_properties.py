@@ -280,7 +280,8 @@ def kinds_of(function, parameter):
     annotation = parameter.annotation
     if isinstance(annotation, str):
         found = re.search(r"Annotated\[.*, (\w+)\]", annotation)
-        metadata = [found and getattr(labels, found[1], None)]
+        scope = vars(labels) | inspect.unwrap(function).__globals__
+        metadata = [found and scope.get(found[1])]
     else:
         inner = [annotation, *getattr(annotation, "__args__", ())]
         metadata = [each for one in inner for each in getattr(one, "__metadata__", ())]
