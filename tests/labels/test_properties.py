@@ -351,7 +351,8 @@ def kinds_of(function, parameter):
     annotation = parameter.annotation
     if isinstance(annotation, str):
         found = re.search(r"Annotated\[.*, (\w+)\]", annotation)
-        metadata = [found and getattr(labels, found[1], None)]
+        scope = vars(labels) | inspect.unwrap(function).__globals__
+        metadata = [found and scope.get(found[1])]
     else:
         metadata = metadata_of(annotation)
     kinds = [each for each in metadata if isinstance(each, Kind | tuple)]
