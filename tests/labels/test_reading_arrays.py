@@ -26,7 +26,7 @@ def test_sums_of_channels():
     found = sum_channels(mixed, imaginary.transpose("x", "frequency", ...), FREQUENCIES)
     for one, other in zip(found, right, strict=True):
         np.testing.assert_array_equal(one.swapaxes(1, 2), other)
-    refused("without channel", sum_channels, real.rename(channel="color"), imaginary, FREQUENCIES)
+    refused("axes of I", sum_channels, real.rename(channel="color"), imaginary, FREQUENCIES)
     refused("without freq", sum_channels, real[0], imaginary[0], FREQUENCIES)
     refused("frequencies", sum_channels, real, imaginary, FREQUENCIES[::-1])
 

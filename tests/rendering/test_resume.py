@@ -98,7 +98,7 @@ def test_another_render_is_refused(earlier, scene, options, text):
 
 def test_another_crop_is_refused():
     first, other = (with_film(box(), **crop(offset, 0, 8, 8)) for offset in (0, 8))
-    with refused("resume: its coordinate x differs"):
+    with refused("resume: the axis x has the labels"):
         render(other, spp=32, resume=render(first, spp=16))
 
 

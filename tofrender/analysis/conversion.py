@@ -22,7 +22,7 @@ from ..rendering.cubes import Cube
 from ..rendering.dataset import LOST_ENERGY, QUANTITIES
 from ..runtime import checks
 from ..runtime.progress import status
-from ..signals.labeled import channels_last, frequencies_first, of_same_axes
+from ..signals.labeled import frequencies_first, of_same_axes
 from ..signals.phasors import phasor_parts
 from ..signals.units import SPEED_OF_LIGHT, check_below_limit, check_frequencies
 
@@ -150,7 +150,10 @@ def sum_channels(
         >>> phase.shape, round(phase[0, 0, 0].item(), 4)
         ((2, 2, 1), 3.1083)
     """
-    I, Q = of_same_axes({"I": channels_last("I", I), "Q": Q})
+    if isinstance(I, xr.DataArray):
+        checks.require("axes of I", I.dims, "channel" in I.dims, "with an axis channel")
+        I = I.transpose(..., "channel")
+    I, Q = of_same_axes({"I": I, "Q": Q})
     frequencies, many = check_frequencies(frequency_hz)
     if many:
         I = frequencies_first("I", I, frequencies)

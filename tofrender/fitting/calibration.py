@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from scipy import optimize
 
-from ..labels import POSES, ZONES, read
+from ..labels import POSES, ZONES, read, require_same_labels
 from ..runtime import checks
 from ..runtime.progress import status
 from ..sensors.multi_zone import Light, MultiZone
@@ -171,11 +171,13 @@ def calibrate(
     checks.instance("renders", parts, Mapping, "a Dataset of render_poses, or parts by name")
     checks.require("renders", parts, len(parts) > 0, "a Dataset of render_poses, or parts by name")
     lights = {name: Light.of(each) for name, each in parts.items()}
-    named = {f"renders of {name}": each for name, each in parts.items()}
+    poses = {"pose": next(iter(parts.values()))["pose"].values}
+    for name, each in parts.items():
+        require_same_labels(each, poses, f"renders of {name}", "the first part")
     if isinstance(histograms, xr.Dataset):
-        named["histograms"] = read(histograms, ZONES, "histograms")
-        histograms = named["histograms"]["counts"].values
-    _require_same_poses(named)
+        measured = read(histograms, ZONES, "histograms")
+        require_same_labels(measured, poses, "histograms", "renders")
+        histograms = measured["counts"].values
     counts = _counts(histograms, lights, sensor)
     last = sensor.bins - 1 if last_bin is None else last_bin
     last = checks.integer("last_bin", last, 0, sensor.bins - 1)
@@ -216,19 +218,6 @@ def _parameters(parameters: Any, sensor: MultiZone) -> list[str]:
             "remove 'pulse'"
         )
     return [name for name in PARAMETERS if name in parameters]
-
-
-def _require_same_poses(named: Mapping[str, xr.Dataset]) -> None:
-    """Refuse Datasets whose poses have different labels, or another order."""
-    labels = {name: each.indexes["pose"] for name, each in named.items() if "pose" in each.indexes}
-    for name, found in labels.items():
-        first, expected = next(iter(labels.items()))
-        if not found.equals(expected):
-            raise ValueError(
-                f"{name}: the axis pose has the labels {checks.quote(found.tolist())}, but "
-                f"{checks.quote(expected.tolist())} in {first}. Select the same poses in the same "
-                "order"
-            )
 
 
 def _counts(histograms: Any, lights: Mapping[str, Light], sensor: MultiZone) -> np.ndarray:

@@ -17,7 +17,14 @@ import xarray as xr
 
 from ..films.image import time_bins
 from ..integrators.differentiable import VisibilityWarning
-from ..labels import TRANSIENT, Kind, bins_of, read, require_whole_stokes
+from ..labels import (
+    TRANSIENT,
+    Kind,
+    bins_of,
+    read,
+    require_same_labels,
+    require_whole_stokes,
+)
 from ..rendering.dataset import pixels_and_channels
 from ..runtime import checks, variants
 from ..runtime.parameters import filled, takes
@@ -455,14 +462,7 @@ def _labeled_bins(given: xr.Dataset | xr.DataArray, film: Any, camera_unwarp: bo
 def _require_same_pixels(target: xr.Dataset, film: Any) -> None:
     """Raise a ValueError if pixels or channels differ from the film's."""
     wanted = pixels_and_channels(film, target.sizes["channel"])
-    for axis in ("y", "x", "channel"):
-        found = target[axis].values
-        if not np.array_equal(found, wanted[axis]):
-            raise ValueError(
-                f"target: the axis {axis} has the labels {checks.quote(found.tolist())}, the film "
-                f"has {checks.quote(wanted[axis].tolist())}. Pass the pixels and channels of the "
-                "film"
-            )
+    require_same_labels(target, wanted, "target", "the film")
 
 
 @dataclass

@@ -51,6 +51,7 @@ from .reading import (
     read_array,
     require_axes_only,
     require_consecutive,
+    require_same_labels,
     require_whole_stokes,
 )
 
@@ -99,6 +100,7 @@ __all__ = [
     "read_array",
     "require_axes_only",
     "require_consecutive",
+    "require_same_labels",
     "require_whole_stokes",
     "with_energy",
 ]

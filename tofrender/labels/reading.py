@@ -1,6 +1,6 @@
 """Read labeled data: find axes by name, bring them to one order, and check the time bins."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -256,6 +256,27 @@ def require_consecutive(data: xr.Dataset | xr.DataArray, parameter: str) -> None
     """Raise a ValueError if the pixels are not a rectangle of a film without gaps."""
     for axis in ("y", "x"):
         _require_no_gaps(np.diff(data[axis].values), 1, axis, parameter)
+
+
+def require_same_labels(
+    data: xr.Dataset | xr.DataArray, expected: Mapping[str, Any], parameter: str, other: str
+) -> None:
+    """Refuse data with other labels along an axis.
+
+    Args:
+        data: A Dataset or DataArray in the order of `read`.
+        expected: Labels by the name of the axis.
+        parameter: Name of the function's parameter, for messages.
+        other: What has the expected labels, for messages.
+    """
+    for axis, labels in expected.items():
+        found = data[axis].values
+        if not np.array_equal(found, labels):
+            raise ValueError(
+                f"{parameter}: the axis {axis} has the labels {checks.quote(found.tolist())}, but "
+                f"{other} has {checks.quote(np.asarray(labels).tolist())}. Pass data with the same "
+                "labels"
+            )
 
 
 def by_pixel(values: Any, data: Any, parameter: str) -> Any:

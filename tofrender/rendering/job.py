@@ -17,7 +17,7 @@ from ..films.recording import Recording, recording, warn_not_finite
 from ..films.windowed import transient_film
 from ..integrators.plan import Plan
 from ..integrators.user_defined import is_user_defined
-from ..labels import FILM, read
+from ..labels import FILM, read, require_same_labels
 from ..runtime import checks, memory, plugins
 from ..runtime.settings import SAMPLERS
 from ..runtime.versions import versions
@@ -448,9 +448,7 @@ def check_resume(resume: xr.Dataset, job: Job) -> None:
         its = resume.attrs.get(name)
         if its != value:
             raise ValueError(f"resume: was rendered with {name} = {its!r}; must be {value!r}")
-    for name, value in coordinates(job.film).items():
-        if not np.array_equal(resume[name].values, value):
-            raise ValueError(f"resume: its coordinate {name} differs; must be that of this render")
+    require_same_labels(resume, coordinates(job.film), "resume", "this render")
     found = {"errors": "transient_error" in resume, "denoise": bool(resume.attrs.get("denoised"))}
     for name, its in found.items():
         wanted = getattr(job.settings, name)

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 import xarray as xr
 
-from ..labels import FILM, energy_outside_window, read
+from ..labels import FILM, energy_outside_window, read, require_same_labels
 from ..runtime import checks
 from ..runtime.progress import status
 from .dataset import DIMS, ERRORS, HALVES, require_finite
@@ -151,9 +151,8 @@ def _check_alike(renders: list[xr.Dataset]) -> None:
             its = render.attrs.get(name)
             if mine != its:
                 raise ValueError(f"renders[{number}]: has {name} = {its!r}; must be {mine!r}")
-        for axis in first["transient"].dims:
-            if not np.array_equal(first[axis].values, render[axis].values):
-                raise ValueError(f"renders[{number}]: has another {axis}; must be as the first")
+        labels = {str(axis): first[axis].values for axis in first["transient"].dims}
+        require_same_labels(render, labels, f"renders[{number}]", "renders[0]")
 
     # Do two renders have the same random numbers?
     seeds = [seed for r in renders for seed in str(r.attrs["seed"]).split(", ")]

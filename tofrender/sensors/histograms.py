@@ -40,7 +40,7 @@ def along_bins(name: str, function: Any, values: Any) -> Any:
     if _has_places(values, time) and values.sizes[time] > 1:
         centers = _places(values, time)
         order = np.argsort(centers, kind="stable")
-        _require_even(name, centers[order])
+        bins_of(xr.DataArray(centers[order], {"opl": centers[order]}, "opl"), name)
     last = values.transpose(..., time)
     found = last.copy(data=function(last.values[..., order])[..., np.argsort(order)])
     return found.transpose(*values.dims)
@@ -138,12 +138,6 @@ def _places(values: xr.DataArray, time: str) -> np.ndarray:
     """Return the centers of the bins [m], from the coordinate of a DataArray."""
     name = "opl" if "opl" in values.coords else time
     return np.asarray(values[name].values, np.float64)
-
-
-def _require_even(name: str, centers: np.ndarray) -> None:
-    """Raise a ValueError if the centers [m] of bins are not evenly spaced."""
-    bins = xr.DataArray(centers, {"opl": centers}, "opl")
-    bins_of(bins, name)
 
 
 class _Centered:

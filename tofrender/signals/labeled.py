@@ -66,17 +66,3 @@ def frequencies_first(name: str, values: Any, frequencies: Sequence[float]) -> A
             "Pass the frequencies in the same order"
         )
     return values.transpose("frequency", ...)
-
-
-def channels_last(name: str, values: Any) -> Any:
-    """Bring the axis `channel` of a DataArray to the end; others stay as they are."""
-    import xarray as xr
-
-    if not isinstance(values, xr.DataArray):
-        return values
-    if "channel" not in values.dims:
-        raise ValueError(
-            f"{name} has the axes {tuple(values.dims)}, without channel. Name the axis of the "
-            "channels: rename(...='channel')"
-        )
-    return values.transpose(..., "channel")

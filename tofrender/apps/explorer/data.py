@@ -20,6 +20,7 @@ from ...labels import (
     even_axis,
     intensity,
     read,
+    require_same_labels,
     with_energy,
 )
 from ...motion.fmcw import checked_film
@@ -370,12 +371,8 @@ def _orders(orders: Any, data: xr.Dataset) -> dict[str, Cube]:
     for name, each in checks.mapping("orders", orders).items():
         parameter = f"orders[{name!r}]"
         part = intensity(read(each, TRANSIENT, parameter), parameter)
-        for axis in DIMS["transient"]:
-            if not np.array_equal(part[axis], data[axis]):
-                raise ValueError(
-                    f"{parameter}: the axis {axis} is another axis than in data. Pass light in the "
-                    "pixels, bins and channels of data"
-                )
+        labels = {axis: data[axis].values for axis in DIMS["transient"]}
+        require_same_labels(part, labels, parameter, "data")
         found[name] = Cube.of(parameter, part["transient"])
     return found
 
