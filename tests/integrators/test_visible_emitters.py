@@ -198,7 +198,7 @@ def test_lanes_that_share_a_ray_take_the_same_samples(monkeypatch, added):
 
 def test_how_many_lanes_share_a_ray(monkeypatch):
     assert passes._shared_by(2000, lanes=16, most=2048) == 1
-    monkeypatch.setattr(passes, "_on_gpu", lambda: True)
+    monkeypatch.setattr(mi, "variant", lambda: "cuda_ad_rgb")
     lower(monkeypatch, lanes={"cuda": 1 << 20})
     assert passes._shared_by(2000, lanes=16, most=2048) == 16
     assert passes._shared_by(2000, lanes=1024, most=2048) == 512
