@@ -39,7 +39,7 @@ durations: setup ## store what each test takes in make test-all and in make test
 	DRJIT_CACHE_DIR=$$(mktemp -d) .venv/bin/python -m pytest -n auto --dist worksteal --store-durations $(ARGS)
 	DRJIT_CACHE_DIR=$$(mktemp -d) .venv/bin/python -m pytest -n auto --dist worksteal --brief --store-durations $(ARGS)
 
-mutants: setup ## plant more than 240 bugs, one at a time, and see that the tests find each
+mutants: setup ## plant more than 300 bugs, one at a time, and see that the tests find each
 	.venv/bin/python -m tests.mutants $(ARGS)
 
 test-kills: setup ## kill and stop commands at sixty random moments, and go on with each, in about five minutes

@@ -64,3 +64,25 @@ def mitsubas_steps(monkeypatch):
     )
     lights = tofrender.paths.endpoints.scene_lights
     monkeypatch.setattr(lights, "points_that_pay", lambda *_: 1)
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    """Fail if anything is rendered, reconstructed or tested, or if a film allocates its bins."""
+
+    def never(*_, **__):
+        raise AssertionError("work has started")
+
+    for place in (
+        "rendering.work_items.steps",
+        "rendering.strategies.steps",
+        "nlos.capturing.steps",
+        "nlos.reconstruction.methods.backproject",
+        "integrators.passes.steps",
+        "integrators.running.steps",
+        "films.transient.TransientHDRFilm.prepare",
+        "films.phasor.PhasorHDRFilm.prepare",
+        "sampling.chi_square.chi_square_test",
+    ):
+        monkeypatch.setattr(f"tofrender.{place}", never)
+    return never

@@ -22,14 +22,13 @@ import OpenEXR
 import pytest
 import xarray as xr
 from helpers.commands import done, refused, run
-from helpers.films_in_parts import in_small_steps, watch_steps
+from helpers.films_in_parts import in_small_steps, replace_launch, watch_steps
 from helpers.support import largest
 
 import tofrender
 from tofrender.cli import checkpoints as checkpoints_of_commands, render as cli_render
 from tofrender.cli.app import main
 from tofrender.cli.checkpoints import AGAIN
-from tofrender.integrators import passes
 from tofrender.runtime import atomic, checkpoints
 from tofrender.runtime.checkpoints import Checkpoint
 
@@ -570,15 +569,18 @@ def test_a_damaged_checkpoint(capsys, tmp_path, stopped):
 def test_without_checkpoints(capsys, tmp_path, monkeypatch):
     out = tmp_path / "out"
     in_small_steps(monkeypatch, 2048)
-    step, number = passes._step, count()
+    number = count()
 
-    def stopping(*arguments, **options):
-        assert not kept(out).exists()
-        if next(number) == 0:
-            signal.raise_signal(signal.SIGINT)
-        return step(*arguments, **options)
+    def stopping(launch):
+        def step(*arguments, **options):
+            assert not kept(out).exists()
+            if next(number) == 0:
+                signal.raise_signal(signal.SIGINT)
+            return launch(*arguments, **options)
 
-    monkeypatch.setattr(passes, "_step", stopping)
+        return step
+
+    replace_launch(monkeypatch, stopping)
     status, _, err = run(capsys, *arguments("gate", out, "--checkpoint", 0))
     assert status == 130
     assert one_line(err) == f"error: interrupted after 16 of {SPP} samples per pixel"

@@ -553,7 +553,7 @@ def test_a_class_without_files_gets_one_warning(tmp_path, home):
 
 
 def test_folder_that_cannot_be_listed(tmp_path, monkeypatch):
-    monkeypatch.setattr(unpacking, "_files_of", Mock(side_effect=PermissionError("closed")))
+    monkeypatch.setattr(os, "walk", Mock(side_effect=PermissionError("closed")))
     refused(tmp_path, "cannot be read: closed")
 
 

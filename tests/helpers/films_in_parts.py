@@ -12,6 +12,7 @@ import numpy as np
 
 import tofrender
 from helpers.limits import lower
+from tofrender.integrators import passes
 from tofrender.rendering import work_items
 
 ROOT = Path(__file__).parents[2]
@@ -44,6 +45,14 @@ def in_small_steps(patch: Any, pixels: int = 2 * 12) -> None:
     samples = 2 * pixels
     lanes = {"llvm": samples, "cuda": samples}
     lower(patch, step_samples=samples, first_samples=samples, lanes=lanes, private_lanes=1)
+
+
+def replace_launch(patch: Any, make: Callable[[Callable], Callable]) -> None:
+    """Replace the function that launches the kernel of a step: `make` gets it and returns another.
+
+    Its arguments are the sampler of the pixels, the pixels, the number of samples, and a weight.
+    """
+    patch.setattr(passes, "_step", make(passes._step))
 
 
 def watch_steps(patch: Any, look: Callable[[int], object]) -> None:

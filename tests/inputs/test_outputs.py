@@ -71,12 +71,6 @@ def sources(tmp_path_factory):
     return {"{render}": str(folder / "render"), "{capture}": str(folder / "wall.h5")}
 
 
-@pytest.fixture
-def no_work(no_work, monkeypatch):
-    """Nor is anything tested."""
-    monkeypatch.setattr("tofrender.sampling.chi_square.chi_square_test", no_work)
-
-
 PLACES = {
     # what is wrong there: below a folder, or anywhere; {} is the suffix
     **{"in a file": "file/a{}", "deep in a file": "file/b/a{}", "in /proc": "/proc/a{}"},

@@ -29,17 +29,6 @@ def render(loaded: mi.Scene) -> Any:
     return loaded.integrator().render(loaded, spp=1)
 
 
-@pytest.fixture
-def no_work(monkeypatch):
-    """Fail if a film is made ready."""
-
-    def never(*_):
-        raise AssertionError("work has started")
-
-    for kind in (tofrender.TransientHDRFilm, tofrender.PhasorHDRFilm):
-        monkeypatch.setattr(kind, "prepare", never)
-
-
 BOTH = [
     *[("max_depth", value) for value in (1, 0, -2)],
     ("rr_depth", 0),

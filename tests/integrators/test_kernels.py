@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import drjit as dr
 import mitsuba as mi
 import pytest
+from helpers.films_in_parts import replace_launch
 from helpers.limits import lower
 
 import tofrender
@@ -51,16 +52,18 @@ def test_each_step_has_one_large_kernel(name, monkeypatch):
         lanes={"llvm": 1 << 8, "cuda": 1 << 8},
     )
     scene, steps = SCENES[name](), []
-    take_step = passes._step
 
-    def counted(*args, **kwargs):
-        dr.kernel_history_clear()
-        result = take_step(*args, **kwargs)
-        history = dr.kernel_history([dr.KernelType.JIT])
-        steps.append([each["operation_count"] for each in history])
-        return result
+    def counted(launch):
+        def count(*args, **kwargs):
+            dr.kernel_history_clear()
+            result = launch(*args, **kwargs)
+            history = dr.kernel_history([dr.KernelType.JIT])
+            steps.append([each["operation_count"] for each in history])
+            return result
 
-    monkeypatch.setattr(passes, "_step", counted)
+        return count
+
+    replace_launch(monkeypatch, counted)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
         dr.eval(mi.render(scene, spp=64))
     assert len(steps) > 2
@@ -83,14 +86,17 @@ def test_a_step_on_a_gpu_adds_no_more_than_single_precision_can(monkeypatch):
 def test_steps_fill_their_time(lane_sample_s, taken, monkeypatch):
     """By a clock that knows what a sample takes; the first step, which compiles, stays as it is."""
     lower(monkeypatch, step_s=1.0, first_samples=2 * 64 * 64, lanes={"llvm": 64 * 64})
-    now, steps, take_step = [0.0], [], passes._step
+    now, steps = [0.0], []
 
-    def counted(pixels, pixel, count, *more):
-        steps.append(count)
-        now[0] += count * lane_sample_s
-        return take_step(pixels, pixel, count, *more)
+    def timed(launch):
+        def step(pixels, pixel, count, *more):
+            steps.append(count)
+            now[0] += count * lane_sample_s
+            return launch(pixels, pixel, count, *more)
 
-    monkeypatch.setattr(passes, "_step", counted)
+        return step
+
+    replace_launch(monkeypatch, timed)
     monkeypatch.setattr(passes, "time", SimpleNamespace(perf_counter=lambda: now[0]))
     dr.eval(mi.render(picture("path_tracer_mis"), spp=40 * 64))
     assert steps == taken

@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from helpers.films_in_parts import replace_launch
 from helpers.limits import lower
 from helpers.parts import area_light, diffuse, plane, rotate, translate
 from helpers.support import (
@@ -177,13 +178,15 @@ def test_lanes_that_share_a_ray_take_the_same_samples(monkeypatch, added):
     whole = rendered(loaded, SPP)
     lanes = []
 
-    def step(pixels, pixel, count, weight=1.0):
-        if weight == 0:
-            lanes.append((dr.width(pixel), count))
-        return take_step(pixels, pixel, count, weight)
+    def noted(launch):
+        def step(pixels, pixel, count, weight=1.0):
+            if weight == 0:
+                lanes.append((dr.width(pixel), count))
+            return launch(pixels, pixel, count, weight)
 
-    take_step = passes._step
-    monkeypatch.setattr(passes, "_step", step)
+        return step
+
+    replace_launch(monkeypatch, noted)
     lower(monkeypatch, max_added=added)
     alone = rendered(loaded, SPP)
     few, lanes[:] = lanes[:], []
@@ -198,7 +201,7 @@ def test_lanes_that_share_a_ray_take_the_same_samples(monkeypatch, added):
 
 def test_how_many_lanes_share_a_ray(monkeypatch):
     assert passes._shared_by(2000, lanes=16, most=2048) == 1
-    monkeypatch.setattr(passes, "_on_gpu", lambda: True)
+    monkeypatch.setattr(mi, "variant", lambda: "cuda_ad_rgb")
     lower(monkeypatch, lanes={"cuda": 1 << 20})
     assert passes._shared_by(2000, lanes=16, most=2048) == 16
     assert passes._shared_by(2000, lanes=1024, most=2048) == 512

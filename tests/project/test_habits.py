@@ -195,6 +195,7 @@ def test_shards_have_each_file_once_and_take_as_long():
     assert max(sums) < 1.3 * min(sums)
 
 
+@pytest.mark.essential
 def test_each_planted_bug_applies_once_and_has_its_tests():
     planted = bugs()
     assert len(planted) == len({bug.name for bug in planted})

@@ -16,7 +16,6 @@ from helpers.support import camera, film, scene, with_film, with_integrator, wit
 
 import tofrender
 from tofrender.integrators import passes as base
-from tofrender.rendering import work_items
 from tofrender.runtime.settings import SAMPLERS
 
 ALL_TIME = {"start_opl": 3.5, "temporal_bins": 120, "bin_width_opl": 0.25}
@@ -53,17 +52,6 @@ def two_walls(near: float = 2.0, apart: float = 2.0, **window) -> dict:
     }
     sensor = camera((0, 0, near), (0, 0, 0), film(4, 4, **window), kind="orthographic")
     return scene(walls, sensor, max_depth=1)
-
-
-@pytest.fixture
-def no_work(monkeypatch):
-    """Fail if rendering starts or a film allocates its bins."""
-
-    def never(*_):
-        raise AssertionError("work has started")
-
-    monkeypatch.setattr(work_items, "steps", never)
-    monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", never)
 
 
 @pytest.mark.parametrize(
