@@ -17,8 +17,8 @@ import tofrender
 from tofrender import sampling
 from tofrender.apps.warptest import engine, probes, subjects
 from tofrender.apps.warptest.engine import Engine
-from tofrender.apps.warptest.sources import Library, Module, find_module
 from tofrender.apps.warptest.subjects import SUBJECTS
+from tofrender.apps.warptest.warp_sources import Library, Module, find_module
 from tofrender.cli.app import main
 from tofrender.course.judge import sandbox
 from tofrender.course.judge.client import NoAnswer
@@ -154,7 +154,7 @@ def test_a_module_may_write_nowhere_and_end_only_itself(tmp_path):
 
 
 def test_a_module_that_never_answers_is_ended(tmp_path, monkeypatch):
-    monkeypatch.setattr("tofrender.apps.warptest.sources.ANSWER_S", 1.0)
+    monkeypatch.setattr("tofrender.apps.warptest.warp_sources.ANSWER_S", 1.0)
     forever = "def square_to_tent(sample):\n    while True:\n        pass\n"
     forever += "\n\ndef square_to_tent_pdf(p): ...\n"
     folder, said = write_warps(tmp_path / "a", tent=forever), "no answer within 1 s; the process"

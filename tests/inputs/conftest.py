@@ -3,7 +3,7 @@
 import pytest
 
 import tofrender
-from tofrender.integrators import passes, running
+from tofrender.integrators import passes, render_loop
 from tofrender.nlos import capturing
 from tofrender.nlos.reconstruction import methods
 from tofrender.rendering import strategies, work_items
@@ -16,7 +16,7 @@ def no_work(monkeypatch):
     def never(*_, **__):
         raise AssertionError("work has started")
 
-    for module in (work_items, strategies, capturing, passes, running):
+    for module in (work_items, strategies, capturing, passes, render_loop):
         monkeypatch.setattr(module, "steps", never)
     monkeypatch.setattr(methods, "backproject", never)
     monkeypatch.setattr(tofrender.TransientHDRFilm, "prepare", never)

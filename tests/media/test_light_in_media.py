@@ -25,9 +25,9 @@ from helpers.parts import area_light, diffuse, plane, point_light, rotate, trans
 from helpers.support import agree, camera, film, load, over_seeds, rendered, scene
 
 import tofrender
-from tofrender.bidirectional.camera import Camera
+from tofrender.bidirectional.lens_connections import Camera
+from tofrender.media.participating import Media
 from tofrender.media.phases import Phases
-from tofrender.media.space import Media
 from tofrender.paths.records import Vertex
 
 pytestmark = pytest.mark.statistical

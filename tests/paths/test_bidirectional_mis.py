@@ -24,9 +24,9 @@ from helpers.support import camera, film, load, scene
 from oracles.light_paths import window_area
 from oracles.replayed_paths import LONGEST, WIDE, Paths, Products, shares, started
 
-from tofrender.bidirectional.camera import Camera
 from tofrender.bidirectional.emission import Emission
 from tofrender.bidirectional.lens import Lens
+from tofrender.bidirectional.lens_connections import Camera
 from tofrender.bidirectional.light_paths import LightPaths, VertexConnection
 from tofrender.bidirectional.mis import BidirectionalMIS, PartialSums
 from tofrender.paths.records import Vertex

@@ -17,7 +17,7 @@ from helpers.refusals import refused
 
 from tofrender import io, nlos, vis
 from tofrender.analysis import transient_to_phasor
-from tofrender.rendering import cubes, store
+from tofrender.rendering import cubes, stored_film
 from tofrender.rendering.cubes import Cube
 from tofrender.rendering.dataset import require_finite
 from tofrender.vis import tone
@@ -274,7 +274,7 @@ DAMAGED = READERS | {
 @pytest.mark.parametrize("harm", ["a bit", "half"])
 @pytest.mark.parametrize("reader", DAMAGED)
 def test_damage_names_the_film(tmp_path, monkeypatch, reader, harm):
-    monkeypatch.setattr(store, "BLOCK_BYTES", 3000)
+    monkeypatch.setattr(stored_film, "BLOCK_BYTES", 3000)
     lazy = write_film(tmp_path / "box.zarr", film(), (5, 11))
     file = tmp_path / "box.zarr/transient/c/1/0/0/0"
     content = bytearray(file.read_bytes())
@@ -295,7 +295,7 @@ from helpers.limited import write_film
 from tofrender import io, vis
 from tofrender.analysis import transient_to_phasor
 from tofrender.rendering.cubes import Cube
-from tofrender.rendering.store import load_zarr
+from tofrender.rendering.stored_film import load_zarr
 
 def read(film, folder):
     transient_to_phasor(film, 20e6)
@@ -325,7 +325,7 @@ print(by_pieces, peak() - before)
 
 @pytest.mark.skipif(sys.platform != "linux", reason="measures memory as Linux counts it")
 def test_a_large_film_is_read_in_little_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "BLOCK_BYTES", 1 << 20)
+    monkeypatch.setattr(stored_film, "BLOCK_BYTES", 1 << 20)
     tile = make_dataset(20, 160, 800, energy_outside_window=0.0)
     large = xr.concat([tile.assign_coords(y=20 * k + np.arange(20)) for k in range(12)], "y")
     size = large["transient"].nbytes >> 20

@@ -210,6 +210,6 @@ def test_an_automatic_window_is_enlarged_until_it_holds_the_light():
 
 
 def test_an_automatic_window_does_not_recommend_itself(monkeypatch):
-    monkeypatch.setattr("tofrender.rendering.window.CHECKS", 0)
+    monkeypatch.setattr("tofrender.rendering.time_window.CHECKS", 0)
     with pytest.warns(UserWarning, match="outside the window 4.53 to 14.24 m; set `window`"):
         render(small_lamp(), spp=64, window="auto")

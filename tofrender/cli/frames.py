@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..io.contents import FRAMES_LIST, FRAMES_STEADY, VIDEO, is_listed
+from ..io.command_files import FRAMES_LIST, FRAMES_STEADY, VIDEO, is_listed
 from ..runtime import atomic
 from ..runtime.progress import EVERY_S, ProgressBar, deferred_stop
 from . import options as opt
@@ -81,7 +81,7 @@ def render_frames(job: Job, times: list[float], shutter: Shutter, options: dict[
     """
     import numpy as np
 
-    from ..integrators.running import interrupted
+    from ..integrators.render_loop import interrupted
     from ..motion.frames import TOTALS, render_frame
     from ..rendering.dataset import components_of
     from ..rendering.job import whole

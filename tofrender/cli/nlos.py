@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.contents import VOLUME
+from ..io.command_files import VOLUME
 from ..runtime import backend, checks
 from ..runtime.progress import EVERY_S, deferred_stop
 from . import checkpoints, completion, options as opt

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from ..io.contents import FORMATS
+from ..io.command_files import FORMATS
 from ..rendering.settings import SETTINGS
 from ..runtime import backend, checks, variants
 from ..runtime.atomic import check_file, check_writable

@@ -61,8 +61,8 @@ def view(
     prepare(host, port)
     opt.activate(variant, polarized=not live)
 
-    from tofrender.apps.view.sources import LiveRender, SavedDataset
-    from tofrender.apps.view.window import application
+    from tofrender.apps.view.film_sources import LiveRender, SavedDataset
+    from tofrender.apps.view.viewer import application
 
     if live:
         from tofrender.scenes.loading import load_scene
@@ -114,9 +114,9 @@ def compare(
     prepare(host, port)
     opt.activate(variant)
 
+    from tofrender.apps.compare.comparison import application
+    from tofrender.apps.compare.course_pictures import SCENES
     from tofrender.apps.compare.pairs import Pair, load
-    from tofrender.apps.compare.pictures import SCENES
-    from tofrender.apps.compare.window import application
 
     if two is None:
         make = application(scene=checks.one_of("SCENE|DIR|FILE", one, SCENES))

@@ -23,7 +23,7 @@ import numpy as np
 from ..runtime import memory
 from ..signals.polarization import components, scaled, stokes_count
 from .accumulation import Accumulation, BinAccumulation, first_image
-from .colors import channels_of, kept, to_rgb
+from .channels import channels_of, kept, to_rgb
 from .contribution import CameraRays
 from .exposure import BINS, PHASORS, PICTURE, Exposure, profile
 from .histogram import MAX_ADDED, TAKEN_COPIES

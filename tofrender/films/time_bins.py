@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from ..signals.polarization import no_light, scaled
 from ..signals.pulses import Pulse
-from .colors import units_of
+from .channels import units_of
 from .contribution import CameraRays, Contribution
 from .sums import Radiance, Splat
 

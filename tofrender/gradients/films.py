@@ -21,7 +21,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..films.colors import channels_of
+from ..films.channels import channels_of
 from ..films.contribution import CameraRays, Contribution
 from ..films.recording import BinRecording, Recording
 from ..films.sums import Radiance

@@ -7,8 +7,7 @@ refuses other data in one line.
 """
 
 from .axes import CHANNELS, STOKES, Bins
-from .energy import energy_outside_window, with_energy
-from .kinds import (
+from .dataset_kinds import (
     CAPTURE,
     CAPTURES,
     CLOUD,
@@ -36,6 +35,7 @@ from .kinds import (
     WAVEFORMS,
     Kind,
 )
+from .energy import energy_outside_window, with_energy
 from .reading import (
     bins_of,
     by_pixel,

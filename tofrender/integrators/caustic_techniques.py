@@ -1,8 +1,8 @@
 """Techniques for light that mirrors and clear glass reflect or refract.
 
 `Caustics.of` chooses a technique for each kind of paths with a delta lobe before the emitter (see
-`paths.kinds`), and excludes these kinds from the main paths. If no technique supports a kind, the
-main paths find it when a BSDF sample hits an emitter.
+`paths.path_kinds`), and excludes these kinds from the main paths. If no technique supports a kind,
+the main paths find it when a BSDF sample hits an emitter.
 
 | kind | technique | fallback |
 |---|---|---|
@@ -25,11 +25,11 @@ from ..paths.camera import Tile
 from ..paths.caustic_rays import CausticRays
 from ..paths.endpoints import EmitterHits, SceneLights
 from ..paths.guiding import DirectionTable, GuidedMaterials
-from ..paths.kinds import Kind
+from ..paths.path_kinds import Kind
 from ..paths.scattering import Materials
+from ..paths.sensor_window import KINDS
 from ..paths.space import Vacuum
 from ..paths.surfaces import has_lobes
-from ..paths.window import KINDS
 from .plan import Plan
 from .user_defined import Tracer
 
