@@ -207,6 +207,7 @@ def reconstruct(
     import numpy as np
 
     from tofrender import io, nlos, vis
+    from tofrender.io.npz import save_arrays
 
     captured = io.load_capture(
         source, wall_size=wall_size, bin_width_s=bin_width_s, start_s=start_s
@@ -217,8 +218,7 @@ def reconstruct(
     brightness = nlos.max_projection(volume)
     depth = nlos.depth_map(volume)
     with checkpoints.exclusively(out), io.output_folder(out, overwrite=True) as folder:
-        arrays: dict[str, Any] = {str(name): v.values for name, v in volume.variables.items()}
-        np.savez_compressed(folder / VOLUME, **arrays)
+        save_arrays(volume, folder / VOLUME)
         images = (("brightness", brightness, "arbitrary"), ("depth", depth, "m"))
         for name, image, units in images:
             values = np.asarray(image.values, np.float32)[..., None]
