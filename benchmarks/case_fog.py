@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 import tofrender
-from tofrender.media.gated import GatedFog
+from tofrender.media.ellipsoidal import GatedFog
 
 from .timing import Row, in_turn, noise, trace
 

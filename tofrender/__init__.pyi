@@ -121,7 +121,7 @@ from .rendering.films_on_disk import load_zarr as load_zarr
 from .rendering.merging import merge as merge
 from .rendering.path_list import paths_of as paths_of
 from .rendering.renderer import render as render
-from .rendering.store import save_zarr as save_zarr
+from .rendering.stored_film import save_zarr as save_zarr
 from .rendering.strategies import strategy_pyramid as strategy_pyramid
 from .rendering.workers import local_workers as local_workers
 from .runtime import backend as backend, doctor as doctor

@@ -9,7 +9,8 @@ from helpers.processes import wait_for
 from helpers.support import refused
 
 from tofrender import io
-from tofrender.apps.compare import pictures
+from tofrender.apps.compare import course_pictures
+from tofrender.apps.compare.course_pictures import render_technique
 from tofrender.apps.compare.picture_set import (
     Picture,
     PictureSet,
@@ -17,9 +18,8 @@ from tofrender.apps.compare.picture_set import (
     load,
     relative_errors,
 )
-from tofrender.apps.compare.pictures import render_technique
 from tofrender.cli.app import main
-from tofrender.vis.transient import Transient
+from tofrender.vis.transient_figures import Transient
 
 SIZES = ((1400, 900), (800, 600), (390, 844))
 
@@ -32,17 +32,17 @@ def off(scene: str, way: str, spp: int) -> float:
 
 
 def test_all_scenes_of_the_course_have_a_reference():
-    with np.load(pictures.REFERENCES) as kept:
-        assert set(kept.files) == set(pictures.SCENES)
+    with np.load(course_pictures.REFERENCES) as kept:
+        assert set(kept.files) == set(course_pictures.SCENES)
         for name, picture in kept.items():
-            assert (picture.dtype, max(picture.shape)) == (np.float16, pictures.SIDE), name
+            assert (picture.dtype, max(picture.shape)) == (np.float16, course_pictures.SIDE), name
             assert np.isfinite(picture).all(), name
             assert picture.max() > 0, name
 
 
 @pytest.mark.parametrize("scene", ["sphere_light_medium", "bust_simple", "bust_ao"])
 def test_references_are_of_the_scenes_as_they_are(scene):
-    way = "mis" if "mis" in pictures.techniques(scene) else "own"
+    way = "mis" if "mis" in course_pictures.techniques(scene) else "own"
     assert off(scene, way, 64) < 0.06
 
 
@@ -260,10 +260,10 @@ def test_each_technique_is_rendered_by_its_tracer(monkeypatch):
         kinds.append(description["integrator"]["type"])
         raise InterruptedError
 
-    monkeypatch.setattr(pictures.mi, "load_dict", load)
+    monkeypatch.setattr(course_pictures.mi, "load_dict", load)
     for scene in ("veach", "cornell_box_steady_state"):
-        for way in pictures.TECHNIQUES:
+        for way in course_pictures.TECHNIQUES:
             with pytest.raises(InterruptedError):
-                pictures._render(scene, way, 1, 0)
-    plugins = [plugin for plugin, _ in pictures.TECHNIQUES.values()]
+                course_pictures._render(scene, way, 1, 0)
+    plugins = [plugin for plugin, _ in course_pictures.TECHNIQUES.values()]
     assert kinds == 2 * plugins

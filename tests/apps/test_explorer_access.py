@@ -4,7 +4,7 @@ import pytest
 from helpers.accessible import hindrances
 from helpers.explorer_page import moving, opened, polarized, set_
 
-from tofrender.apps.explorer.contents import contents_of
+from tofrender.apps.explorer.page_contents import contents_of
 
 SIZES = [(1400, 900), (800, 600), (390, 844)]
 

@@ -9,7 +9,7 @@ from helpers.made_dataset import make_dataset
 
 import tofrender
 from tofrender.apps.explorer.compression import Reduction, Scale, bands
-from tofrender.apps.explorer.contents import contents_of
+from tofrender.apps.explorer.page_contents import contents_of
 from tofrender.rendering.cubes import Cube
 
 

@@ -19,8 +19,8 @@ from helpers.explorer_page import (
 from helpers.rate_films import resting_light
 
 import tofrender
-from tofrender.apps.explorer.contents import contents_of
-from tofrender.apps.explorer.page import page_of
+from tofrender.apps.explorer.page_contents import contents_of
+from tofrender.apps.explorer.single_page import page_of
 from tofrender.cli.app import main
 from tofrender.io import save_exr_layers
 from tofrender.motion.frames import join_frames

@@ -23,7 +23,7 @@ from PIL import Image, ImageSequence
 
 import tofrender
 from tofrender import SPEED_OF_LIGHT
-from tofrender.apps.explorer.contents import contents_of
+from tofrender.apps.explorer.page_contents import contents_of
 from tofrender.vis import luminance
 
 FRAGMENT = "#view=gate&shown=S2&gate=13,13.6&px=20,5;3,7&f=1.2e8&ev=1.5&log=1"

@@ -22,7 +22,7 @@ from helpers.made_dataset import START, WIDTH
 
 import tofrender
 from tofrender import SPEED_OF_LIGHT
-from tofrender.apps.explorer.contents import contents_of
+from tofrender.apps.explorer.page_contents import contents_of
 from tofrender.vis import luminance
 
 GAMMA = 2.2

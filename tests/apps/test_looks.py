@@ -9,7 +9,7 @@ import pytest
 from helpers.explorer_page import moving, opened as report
 from helpers.looks import SHARE, SIZE, differ, look
 
-from tofrender.apps.explorer.contents import contents_of
+from tofrender.apps.explorer.page_contents import contents_of
 
 
 @pytest.mark.parametrize("dark", [False, True])

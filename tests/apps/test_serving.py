@@ -16,7 +16,7 @@ from tornado.iostream import StreamClosedError
 from tornado.websocket import WebSocketClosedError
 
 from tofrender.apps.ui import serving
-from tofrender.apps.view.sources import LiveRender
+from tofrender.apps.view.film_sources import LiveRender
 from tofrender.cli import options
 from tofrender.cli.app import main
 

@@ -11,7 +11,7 @@ from helpers.hidden_scenes import Wall, capture_of, rectangle, turned
 from PIL import Image, ImageSequence
 
 import tofrender
-from tofrender.apps.explorer.contents import contents_of
+from tofrender.apps.explorer.page_contents import contents_of
 
 EYE = 4  # Distance of the eye, in radii
 SIZES = [(1400, 900), (800, 600), (390, 844)]

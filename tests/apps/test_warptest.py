@@ -18,8 +18,8 @@ import tofrender
 from tofrender import sampling
 from tofrender.apps.warptest import engine, probes, subjects
 from tofrender.apps.warptest.engine import Engine
-from tofrender.apps.warptest.sources import Library, Module, find_module
 from tofrender.apps.warptest.subjects import SUBJECTS
+from tofrender.apps.warptest.warp_sources import Library, Module, find_module
 from tofrender.cli.app import main
 from tofrender.course.judge import sandbox
 from tofrender.course.judge.client import NoAnswer

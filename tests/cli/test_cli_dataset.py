@@ -85,7 +85,7 @@ def test_bad_options_are_refused(config, tmp_path, monkeypatch, capsys, options,
 WAITS = """
 import sys
 from tofrender.cli.app import main
-from tofrender.datasets.store import StoredRecords
+from tofrender.datasets.stored_records import StoredRecords
 put = StoredRecords.write_part
 def waiting(*arguments):
     receipt = put(*arguments)

@@ -10,10 +10,10 @@ from helpers.commands import done, refused
 from helpers.limits import lower
 
 import tofrender
-from tofrender.apps.explorer.contents import contents_of
+from tofrender.apps.explorer.page_contents import contents_of
 from tofrender.cli.answers import SCHEMAS
 from tofrender.cli.report import load_result
-from tofrender.io.contents import is_listed
+from tofrender.io.command_files import is_listed
 from tofrender.io.exr import load_exr_layers
 
 BOX = ["cornell_box_flash", "--size", "6x5", "--spp", 8, "--seed", 3]

@@ -12,11 +12,11 @@ from helpers.made_dataset import make_dataset
 
 import tofrender
 from tofrender.apps.compare.picture_set import PictureSet, load
-from tofrender.apps.explorer.contents import contents_of
+from tofrender.apps.explorer.page_contents import contents_of
 from tofrender.cli.app import main
 from tofrender.cli.report import load_result
 from tofrender.io.netcdf import save_measurement
-from tofrender.sensors.config import read_sensor
+from tofrender.sensors.sensor_config import read_sensor
 
 
 def header_of(page) -> dict:

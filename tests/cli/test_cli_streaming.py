@@ -166,13 +166,13 @@ import pytest
 from helpers.films_in_parts import in_tiles
 import tofrender
 from tofrender.cli.app import main
-from tofrender.rendering import store
+from tofrender.rendering import stored_film
 from tofrender.runtime import memory
 if __name__ == "__main__":
     in_tiles(pytest.MonkeyPatch(), 2)
     if sys.argv[1] == "short":
         memory.available = lambda: memory.RESERVE + 40000
-    put, puts = store.StoredFilm.write, []
+    put, puts = stored_film.StoredFilm.write, []
     def counted(self, *arguments):
         receipt = put(self, *arguments)
         puts.append(None)
@@ -180,7 +180,7 @@ if __name__ == "__main__":
             print("here", flush=True)
             input()
         return receipt
-    store.StoredFilm.write = counted
+    stored_film.StoredFilm.write = counted
     sys.exit(main(sys.argv[2:]))
 """
 

@@ -11,7 +11,7 @@ from PIL import Image
 import tofrender
 from tofrender.cli import main
 from tofrender.io import load_npz
-from tofrender.rendering.window import PULSES
+from tofrender.rendering.time_window import PULSES
 from tofrender.scenes.loading import is_steady
 
 ROOT = Path(__file__).parents[2]

@@ -190,7 +190,7 @@ def test_a_package_is_withheld_but_for_what_is_kept(tiny):
 def test_dependents():
     found = edition.dependents(["tofrender.rendering.arrivals"])
     directly = {name for name, why in found.items() if why == "tofrender.rendering.arrivals"}
-    assert directly == {"tofrender.rendering.job", "tofrender.rendering.window"}
+    assert directly == {"tofrender.rendering.job", "tofrender.rendering.time_window"}
     assert {"tofrender.rendering.renderer", "tofrender.nlos.capturing"} <= set(found)
     assert set(edition.dependents(["tofrender.rendering.job"])) <= set(found)
     assert edition.dependents(["tofrender.cli"]) == {"tofrender.__main__": "tofrender.cli.app"}

@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from tofrender.datasets.config import read_config
+from tofrender.datasets.dataset_config import read_config
 from tofrender.datasets.scene import load, scene_of
 from tofrender.scenes import cornell_box
 

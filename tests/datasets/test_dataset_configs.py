@@ -10,7 +10,7 @@ from helpers.distributions import choice, uniform
 from helpers.refusals import refused
 
 from tofrender.cli.app import main
-from tofrender.datasets.config import read_config
+from tofrender.datasets.dataset_config import read_config
 from tofrender.datasets.making import make_dataset, plan_dataset
 
 ROOT = Path(__file__).parents[2]

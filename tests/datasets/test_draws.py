@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tofrender.datasets.config import read_config
+from tofrender.datasets.dataset_config import read_config
 from tofrender.datasets.distributions import parse_distribution
 from tofrender.datasets.randomness import Source
 

@@ -7,7 +7,7 @@ import xarray as xr
 
 from helpers import browser
 from helpers.made_dataset import make_dataset
-from tofrender.apps.explorer.page import page_of
+from tofrender.apps.explorer.single_page import page_of
 from tofrender.rendering.dataset import in_components
 
 HEIGHT, WIDE, BINS = 24, 32, 60

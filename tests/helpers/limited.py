@@ -13,7 +13,7 @@ from dask.core import flatten
 
 from helpers.limits import lower
 from tofrender.rendering.job import WorkItem, WorkResult
-from tofrender.rendering.store import StoredFilm, load_zarr, under_way
+from tofrender.rendering.stored_film import StoredFilm, load_zarr, under_way
 
 
 @contextmanager

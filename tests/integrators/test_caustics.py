@@ -25,14 +25,14 @@ from tofrender.bidirectional.caustic_photons import CausticPhotons, EmissionTabl
 from tofrender.bidirectional.photons import trace_photons
 from tofrender.films.recording import recording
 from tofrender.integrators import passes, pilots
-from tofrender.integrators.caustics import Caustics
+from tofrender.integrators.caustic_techniques import Caustics
 from tofrender.integrators.extra_rays import DeltaChains
 from tofrender.integrators.passes import WHOLE, best_sampler, steps
 from tofrender.integrators.plan import Plan, Techniques
 from tofrender.paths.camera import Tile
 from tofrender.paths.endpoints import EmitterHits
 from tofrender.paths.guiding import BINS
-from tofrender.paths.kinds import Kind
+from tofrender.paths.path_kinds import Kind
 from tofrender.scenes import cornell_box, cornell_box_fog, cornell_box_glass, cornell_box_mirror
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")

@@ -7,7 +7,7 @@ import pytest
 from helpers.support import load, rendered, with_film, with_integrator
 
 from tofrender.integrators import caustics, passes, pilots
-from tofrender.integrators.caustics import Caustics
+from tofrender.integrators.caustic_techniques import Caustics
 from tofrender.scenes import cornell_box_mirror
 
 SPP = 4

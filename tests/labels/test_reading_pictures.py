@@ -12,8 +12,8 @@ from helpers.support import refused
 import tofrender
 from tofrender import io, nlos, sensors, vis
 from tofrender.apps.compare.picture_set import PictureSet, load
-from tofrender.apps.explorer.contents import contents_of
 from tofrender.apps.explorer.data import explorer_data, facts
+from tofrender.apps.explorer.page_contents import contents_of
 from tofrender.cli.app import main
 from tofrender.cli.report import load_result
 from tofrender.io.netcdf import load_measurement, save_measurement

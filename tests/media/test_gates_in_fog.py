@@ -11,7 +11,7 @@ from helpers.parts import area_light, diffuse, plane, point_light, rotate, trans
 from helpers.support import TIME, agree, camera, film, load, over_seeds, scene
 
 import tofrender
-from tofrender.media.gated import GatedFog
+from tofrender.media.ellipsoidal import GatedFog
 
 pytestmark = pytest.mark.statistical
 SEEDS = range(8)

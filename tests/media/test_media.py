@@ -13,8 +13,8 @@ from helpers.scenes import numbers
 
 from tofrender.integrators.plan import Plan
 from tofrender.media.flight import sample_channel, value_in
+from tofrender.media.participating import Media
 from tofrender.media.phases import Phases, as_surface
-from tofrender.media.space import Media
 from tofrender.paths.endpoints import SceneLights
 from tofrender.paths.records import Limits, MediumPoint, Path, Vertex
 from tofrender.paths.scattering import Materials

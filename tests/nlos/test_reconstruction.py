@@ -26,8 +26,8 @@ from tofrender.nlos import (
     reconstruct,
 )
 from tofrender.nlos.reconstruction import backprojection
-from tofrender.nlos.reconstruction.measured import Measured
 from tofrender.nlos.reconstruction.volume import resample
+from tofrender.nlos.reconstruction.wall_capture import Measured
 from tofrender.vis.reconstructions import reconstruction_figure
 
 TIME = {"width": 0.012, "bins": 125}

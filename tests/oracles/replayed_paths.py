@@ -14,8 +14,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from tofrender.bidirectional.camera import LightPath
 from tofrender.bidirectional.emission import Emitted
+from tofrender.bidirectional.lens_connections import LightPath
 from tofrender.bidirectional.mis import BidirectionalMIS
 from tofrender.integrators.bidirectional import BidirectionalPlan
 from tofrender.paths.camera import ray_origin

@@ -292,7 +292,7 @@ from helpers.limited import write_film
 from tofrender import io, vis
 from tofrender.analysis import transient_to_phasor
 from tofrender.rendering.cubes import Cube
-from tofrender.rendering.store import load_zarr
+from tofrender.rendering.stored_film import load_zarr
 
 def read(film, folder):
     transient_to_phasor(film, 20e6)

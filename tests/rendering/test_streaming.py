@@ -36,7 +36,7 @@ import tofrender
 from tofrender import load_zarr, save_zarr
 from tofrender.rendering.renderer import make_job
 from tofrender.rendering.settings import RenderSettings
-from tofrender.rendering.store import StoredFilm
+from tofrender.rendering.stored_film import StoredFilm
 from tofrender.rendering.streaming import stream
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*of the energy arrives outside")

@@ -21,8 +21,8 @@ from tofrender.sampling import (
     warp_case,
     warps,
 )
+from tofrender.sampling.cell_counts import integrate, pearson
 from tofrender.sampling.domains import DOMAINS, find
-from tofrender.sampling.histograms import integrate, pearson
 from tofrender.sampling.statistics import smallest_allowed
 
 EACH = smallest_allowed(ALPHA, COMPARISONS)

@@ -9,7 +9,7 @@ import pytest
 from helpers.support import ALPHA, COMPARISONS, largest, refused, uniform
 
 from tofrender.sampling import EnvironmentWarp, HierarchicalWarp, chi_square_test
-from tofrender.sampling.histograms import pearson
+from tofrender.sampling.cell_counts import pearson
 from tofrender.sampling.images import MAX_SIDE, read_image, resized
 from tofrender.sampling.statistics import smallest_allowed
 from tofrender.signals.color import luminance

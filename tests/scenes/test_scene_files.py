@@ -9,7 +9,7 @@ import mitsuba as mi
 import pytest
 from helpers.scenes import refusal as refused
 
-from tofrender.scenes.files import MAX_NESTING, require_indices, require_shallow_xml
+from tofrender.scenes.dangerous_files import MAX_NESTING, require_indices, require_shallow_xml
 from tofrender.scenes.loading import load_scene
 
 BUNNY = Path(__file__).parents[2] / "scenes" / "meshes" / "bunny.ply"

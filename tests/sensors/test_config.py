@@ -12,8 +12,8 @@ from scipy import stats
 
 import tofrender
 from tofrender.sensors import Spad, expected_photons, sense
-from tofrender.sensors.config import FOLDER, PRESETS, read_sensor
 from tofrender.sensors.multi_zone import MULTI_ZONE_PRESETS
+from tofrender.sensors.sensor_config import FOLDER, PRESETS, read_sensor
 
 GOOD = {"cycles": 9, "photons": {"photons_per_cycle": 0.1}, "spad": {}}
 

@@ -9,7 +9,7 @@ from helpers.support import agree, refused
 from scipy.special import erfc
 
 from tofrender.sensors import Itof
-from tofrender.sensors.correlation import demodulate, multipath_phase_error, phase_deviation
+from tofrender.sensors.taps import demodulate, multipath_phase_error, phase_deviation
 from tofrender.signals.units import SPEED_OF_LIGHT
 
 WIDTH = 0.05

@@ -13,12 +13,12 @@ from helpers.support import agree, refused
 from scipy.special import erfc
 
 from tofrender.sensors import Response, Spad, events
-from tofrender.sensors.config import read_sensor
 from tofrender.sensors.dead_time import armed_detections
 from tofrender.sensors.jitter import kernel
+from tofrender.sensors.photon_rates import Block
 from tofrender.sensors.pile_up import first_photon
-from tofrender.sensors.rates import Block
 from tofrender.sensors.response import distribution
+from tofrender.sensors.sensor_config import read_sensor
 from tofrender.signals.pulses import SampledPulse
 from tofrender.signals.units import SPEED_OF_LIGHT
 

@@ -20,7 +20,7 @@ from PIL import Image
 import tofrender
 from tofrender import io, sampling, vis
 from tofrender.runtime.canvas import PALETTES
-from tofrender.vis.colors import hue_map, phase_map, time_map
+from tofrender.vis.color_maps import hue_map, phase_map, time_map
 
 COLUMN, PAGE = 3.4, 7.0
 

@@ -11,7 +11,7 @@ from PIL import Image
 from tofrender import vis
 from tofrender.motion.doppler_camera import doppler_rate
 from tofrender.motion.fmcw import Fmcw
-from tofrender.vis import rates
+from tofrender.vis import rate_figures
 
 BRIGHT = 500  # Sum of red, green and blue of the upper half of the map's colors
 
@@ -50,7 +50,7 @@ def shown_light(film, pixel):
 @pytest.mark.parametrize("most", [(1, 1), (3, 5), (7, 4), (7, 40), (9, 9)])
 def test_each_cell_has_its_largest_value(most):
     values = np.random.default_rng(2).normal(size=(7, 11))
-    found = rates.largest_of_cells(values, most)
+    found = rate_figures.largest_of_cells(values, most)
     assert found.shape == (min(7, most[0]), min(11, most[1]))
     # A value lies in the cells that contain its bin
     expected = np.full(found.shape, -np.inf)

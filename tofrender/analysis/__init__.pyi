@@ -11,7 +11,7 @@ from .correlation import (
     true_depth as true_depth,
     true_normals as true_normals,
 )
-from .polarization import (
+from .degrees_of_polarization import (
     angle_of_linear_polarization as angle_of_linear_polarization,
     degree_of_circular_polarization as degree_of_circular_polarization,
     degree_of_linear_polarization as degree_of_linear_polarization,

@@ -1,2 +1,2 @@
-from .explorer.page import report as report
+from .explorer.single_page import report as report
 from .explorer.widget import explore as explore

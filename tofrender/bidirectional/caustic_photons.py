@@ -1,10 +1,10 @@
 """Caustic photons: paths from emitters that start with a delta lobe and end on a smooth one.
 
-They are paths of the kind `CAUSTIC` (see `paths.kinds`). A photon meets a mirror or clear glass
-first, and continues by its delta lobes. Later vertices connect to the lens, by their smooth lobes.
-Few directions of emission lead to such paths. A table aims at them: the uniform numbers of emission
-sampling form a unit cube, which is cut into cells, and a pilot finds how much light of each cell
-arrives in the picture. A photon's cell is sampled with the probability
+They are paths of the kind `CAUSTIC` (see `paths.path_kinds`). A photon meets a mirror or clear
+glass first, and continues by its delta lobes. Later vertices connect to the lens, by their
+smooth lobes. Few directions of emission lead to such paths. A table aims at them: the uniform
+numbers of emission sampling form a unit cube, which is cut into cells, and a pilot finds how much
+light of each cell arrives in the picture. A photon's cell is sampled with the probability
 
     p(cell) = 0.9 light(cell) / light + 0.1 / cells
 
@@ -26,9 +26,9 @@ from ..paths.space import Vacuum
 from ..paths.walk import step, walk
 from ..runtime.backend import tracing_lock
 from ..signals.polarization import intensity
-from .camera import Camera, LightPathHistory
 from .emission import Emission
 from .lens import Lens
+from .lens_connections import Camera, LightPathHistory
 from .mis import BidirectionalMIS
 
 PILOT = 1 << 16  # photons of the pilot

@@ -15,7 +15,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from ..paths.window import Arrival, Window
+from ..paths.sensor_window import Arrival, Window
 
 
 class Lens(Window):

@@ -12,9 +12,9 @@ from ..paths.endpoints.emitters import EmitterEndpoint
 from ..paths.protocols import HistoryUpdates, Scattering
 from ..paths.records import BSDFEval, BSDFSample, Connection, Hit, Path, Vertex
 from ..signals.polarization import apply_light_path
-from .camera import LightPath, StoredVertex
 from .emission import Emission
 from .lens import Lens
+from .lens_connections import LightPath, StoredVertex
 from .mis import BidirectionalMIS, PartialSums
 
 

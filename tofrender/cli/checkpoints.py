@@ -117,7 +117,7 @@ def recipe_of(scene: Any, sensor: Any, **options: Any) -> dict[str, Any]:
     """Return everything that the result of a command depends on, as values of JSON."""
     import mitsuba as mi
 
-    from ..integrators.running import made_with
+    from ..integrators.render_loop import made_with
 
     more = {"variant": mi.variant(), "film": str(sensor.film()), **options}
     recipe = made_with(scene, sensor, scene.integrator(), more)

@@ -57,7 +57,7 @@ def dataset(
     opt.activate(variant)
 
     from tofrender.datasets.making import make_dataset, plan_dataset, require_complete, under_way
-    from tofrender.datasets.store import StoredRecords
+    from tofrender.datasets.stored_records import StoredRecords
 
     if plan:
         opt.say(str(plan_dataset(config, only)))

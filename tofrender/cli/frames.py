@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..io.contents import FRAMES_LIST, FRAMES_STEADY, VIDEO, is_listed
+from ..io.command_files import FRAMES_LIST, FRAMES_STEADY, VIDEO, is_listed
 from ..runtime import atomic
 from ..runtime.progress import EVERY_S, ProgressBar, deferred_stop
 from . import options as opt
@@ -132,7 +132,7 @@ def render_frames(
     """
     import numpy as np
 
-    from ..integrators.running import interrupted
+    from ..integrators.render_loop import interrupted
     from ..motion.frames import TOTALS, render_frame
     from ..rendering.dataset import components_of
     from ..rendering.job import whole

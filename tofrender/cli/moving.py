@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..io.contents import DOPPLER, DOPPLER_LAYERS, ESTIMATES, RANGE_RATE, SPECTRA
+from ..io.command_files import DOPPLER, DOPPLER_LAYERS, ESTIMATES, RANGE_RATE, SPECTRA
 from ..motion.choices import MAX_CYCLES, MAX_LOOKS, WAVEFORMS, WINDOWS
 from ..runtime import checks
 from ..runtime.progress import deferred_stop
@@ -15,7 +15,7 @@ from .answers import Json, answer
 from .time import first_pixel, load, values
 
 if TYPE_CHECKING:
-    from ..films.rates import Axis
+    from ..films.rate_bins import Axis
 
 MAX_VALUES = (1 << 29) - 1
 """Largest number of values of an array in a NetCDF 3 file."""
@@ -345,7 +345,7 @@ def _span(scene: Any, window: Any) -> tuple[float, float]:
         return window
     from tofrender.rendering.renderer import make_job, with_default_window
     from tofrender.rendering.settings import RenderSettings
-    from tofrender.rendering.window import BINS
+    from tofrender.rendering.time_window import BINS
 
     settings = RenderSettings(scene, window=window, bins=BINS if window else None)
     film = make_job(with_default_window(settings)).film
@@ -354,7 +354,7 @@ def _span(scene: Any, window: Any) -> tuple[float, float]:
 
 def _axis(span: tuple[float, float], bins: int | None, resolution: float) -> Axis:
     """Return the bins of a span. By default their number is odd, with two bins per resolution."""
-    from tofrender.films.rates import Axis
+    from tofrender.films.rate_bins import Axis
 
     start, stop = span
     count = bins

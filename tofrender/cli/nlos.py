@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..io.contents import VOLUME
+from ..io.command_files import VOLUME
 from ..runtime import backend, checks
 from ..runtime.progress import deferred_stop
 from . import checkpoints, completion, options as opt
@@ -225,6 +225,7 @@ def reconstruct(
     import numpy as np
 
     from tofrender import io, nlos, vis
+    from tofrender.io.npz import save_arrays
 
     captured = io.load_capture(source, **vars(measured))
     opt.check_disk_space(out, captured["transient"].size)
@@ -233,8 +234,7 @@ def reconstruct(
     brightness = nlos.max_projection(volume)
     depth = nlos.depth_map(volume)
     with checkpoints.exclusively(out), io.output_folder(out, overwrite=True) as folder:
-        arrays: dict[str, Any] = {str(name): v.values for name, v in volume.variables.items()}
-        np.savez_compressed(folder / VOLUME, **arrays)
+        save_arrays(volume, folder / VOLUME)
         images = (("brightness", brightness, "arbitrary"), ("depth", depth, "m"))
         for name, image, units in images:
             values = np.asarray(image.values, np.float32)[..., None]

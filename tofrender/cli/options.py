@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 
-from ..io.contents import FORMATS
+from ..io.command_files import FORMATS
 from ..rendering.settings import SETTINGS
 from ..runtime import backend, checks, variants
 from ..runtime.atomic import check_file, check_writable

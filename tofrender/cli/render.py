@@ -258,7 +258,7 @@ def _on_disk(
     """Render a job on the disk, or open the film that a killed run has finished."""
     from tofrender.rendering.films_on_disk import is_film, load_zarr
     from tofrender.rendering.job import check_resume, whole
-    from tofrender.rendering.store import under_way
+    from tofrender.rendering.stored_film import under_way
     from tofrender.rendering.streaming import stream
 
     if not resume:

@@ -10,7 +10,7 @@ from zipfile import ZipFile
 
 import typer
 
-from ..io.contents import FRAMES_LIST, GATE, PHASORS, RANGE_RATE, SENSED, VOLUME
+from ..io.command_files import FRAMES_LIST, GATE, PHASORS, RANGE_RATE, SENSED, VOLUME
 from ..runtime import backend, checks
 from . import options as opt
 
@@ -63,7 +63,7 @@ def report(
     data = load_result(checks.path("DIR|FILE", source))
 
     from tofrender import io
-    from tofrender.apps.explorer.page import report as write
+    from tofrender.apps.explorer.single_page import report as write
 
     title = str(title or data.attrs.get("scene") or source.resolve().name)
     captured = None if capture is None else io.load_capture(capture)

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-from ..io.contents import SENSED
+from ..io.command_files import SENSED
 from ..runtime import backend
 from ..runtime.progress import deferred_stop
 from ..sensors.presets import PRESETS
@@ -43,7 +43,7 @@ def sense(
 
     from tofrender import io, vis
     from tofrender.io.netcdf import save_measurement
-    from tofrender.sensors.config import read_sensor, sense as measure
+    from tofrender.sensors.sensor_config import read_sensor, sense as measure
 
     read_sensor(sensor)
     measured = measure(opt.load_render(source, "DIR"), sensor, seed).load()

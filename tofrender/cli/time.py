@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..io.contents import GATE, PHASORS
+from ..io.command_files import GATE, PHASORS
 from ..runtime import checks
 from ..runtime.progress import EVERY_S, deferred_stop
 from . import checkpoints, options as opt

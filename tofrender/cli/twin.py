@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-from ..io.contents import TWIN
+from ..io.command_files import TWIN
 from . import options as opt
 from .answers import Json, answer
 

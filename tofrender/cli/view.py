@@ -62,8 +62,8 @@ def view(
     prepare(page.host, page.port)
     opt.activate(page.variant, polarized=not live)
 
-    from tofrender.apps.view.sources import LiveRender, SavedDataset
-    from tofrender.apps.view.window import application
+    from tofrender.apps.view.film_sources import LiveRender, SavedDataset
+    from tofrender.apps.view.viewer import application
 
     if live:
         from tofrender.scenes.loading import load_scene
@@ -116,9 +116,9 @@ def compare(
     prepare(page.host, page.port)
     opt.activate(page.variant)
 
+    from tofrender.apps.compare.comparison import application
+    from tofrender.apps.compare.course_pictures import SCENES
     from tofrender.apps.compare.picture_set import PictureSet, load
-    from tofrender.apps.compare.pictures import SCENES
-    from tofrender.apps.compare.window import application
 
     if others:
         files = PictureSet(*(load(each, load_result) for each in (one, *others)))

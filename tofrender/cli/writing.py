@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..io.contents import FORMATS
+from ..io.command_files import FORMATS
 from ..runtime import backend
 from ..runtime.progress import deferred_stop
 from . import options as opt
@@ -63,7 +63,7 @@ def write(dataset: xr.Dataset, out: Path, files: opt.Files) -> list[str]:
     from tofrender.io.files import run_concurrently
     from tofrender.io.output import stack_bytes
     from tofrender.rendering.dataset import in_channels
-    from tofrender.rendering.store import save_zarr
+    from tofrender.rendering.stored_film import save_zarr
 
     def write_figures() -> None:
         page = vis.summary_figure(dataset)

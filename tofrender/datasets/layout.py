@@ -14,11 +14,11 @@ import numpy as np
 from ..films.image import time_bins
 from ..nlos.setup import capture_mode
 from ..rendering.dataset import pixels_and_channels, transient_dataset
-from ..rendering.window import windowed_film
+from ..rendering.time_window import windowed_film
 from ..runtime import atomic
 from ..scenes.loading import require_sensor
 from ..sensors import sense
-from .config import Config, Outputs
+from .dataset_config import Config, Outputs
 from .scene import load, scene_of
 
 PIXELS = ("y", "x")

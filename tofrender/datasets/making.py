@@ -17,20 +17,20 @@ from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 
-from ..integrators.running import stopped
+from ..integrators.render_loop import stopped
 from ..rendering.films_on_disk import require_zarr
-from ..rendering.store import check_film
+from ..rendering.stored_film import check_film
 from ..rendering.workers import check_client, distribute, kept_by_worker
 from ..runtime import atomic, checks, variants
 from ..runtime.progress import ProgressBar, deferred_stop, held_signals
 from ..runtime.versions import versions
 from ..scenes.fingerprint import file_digest
 from ..scenes.packing import packed, unpacked
-from .config import Config, parse_config, read_config
+from .dataset_config import Config, parse_config, read_config
 from .layout import DatasetLayout, DatasetPlan, layout_of
-from .reading import KIND, load_dataset
 from .record import FACTOR, RecordReceipt, make_record
-from .store import StoredRecords
+from .record_access import KIND, load_dataset
+from .stored_records import StoredRecords
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -23,7 +23,7 @@ from ..runtime import checks
 from ..runtime.versions import versions
 from ..scenes.fingerprint import fingerprint
 from ..sensors import sense
-from .config import Config
+from .dataset_config import Config
 from .layout import GEOMETRY, ORIGINS, DatasetLayout
 from .scene import load, scene_of
 

@@ -16,7 +16,7 @@ from ..scenes.loading import load_scene
 from ..scenes.parts import Dict, pose
 from ..scenes.transient_integrators import transient_integrator_for
 from .changes import change, copied
-from .config import Config
+from .dataset_config import Config
 
 TO_WORLD = ("position", "axis", "angle", "scale")
 

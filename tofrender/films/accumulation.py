@@ -9,7 +9,7 @@ import numpy as np
 
 from ..runtime.checkpoints import SavedState
 from ..signals.polarization import stokes_count
-from .colors import color_count
+from .channels import color_count
 from .splats import Splats
 
 Arrange = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]

@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
 
 
-class CameraRays(Protocol):
-    """Interface of the camera rays of samples, see `paths.camera.CameraSample`."""
+@dataclass
+class CameraSample:
+    """Camera rays through random points of pixels, one ray per lane."""
 
-    ray: mi.RayDifferential3f  # The rays
-    weight: mi.UnpolarizedSpectrum  # Weight of the sensor
-    position: mi.Point2f  # Position on the film [pixels]
+    # Rays in world space, which start at the near plane
+    ray: mi.Ray3f
+
+    # Point where lengths start [m]: the sensor's position, or the point on its lens
+    origin: mi.Point3f
+
+    # Importance of each ray over its density
+    weight: mi.UnpolarizedSpectrum
+
+    # Position on the film [pixels], which includes the crop offset. With a box filter, the corner
+    # of the pixel, so that rounding cannot move a sample to the next pixel
+    position: mi.Point2f
+
+    # Mueller matrix that rotates the Stokes frame of each ray to the frame of the sensor, or None
+    frame: mi.Spectrum | None = None
 
 
 @dataclass

@@ -23,8 +23,8 @@ import numpy as np
 from ..runtime import memory
 from ..signals.polarization import components, scaled, stokes_count
 from .accumulation import Accumulation, BinAccumulation, first_image
-from .colors import channels_of, kept, to_rgb
-from .contribution import CameraRays
+from .channels import channels_of, kept, to_rgb
+from .contribution import CameraSample
 from .exposure import BINS, PHASORS, PICTURE, Exposure, profile
 from .histogram import MAX_ADDED, TAKEN_COPIES
 from .image import require_resolved, stokes_channels
@@ -142,7 +142,7 @@ class Recording:
             arrange=self._arrange,
         )
 
-    def measurement(self, camera: CameraRays, one_writer: bool = False) -> Radiance:
+    def measurement(self, camera: CameraSample, one_writer: bool = False) -> Radiance:
         """Create the measurement of camera rays. Its `total` is the color of the picture.
 
         Args:
@@ -151,7 +151,7 @@ class Recording:
         """
         return Radiance.zero(self._splat(camera))
 
-    def channels(self, camera: CameraRays, measured: Radiance, valid_ray: mi.Bool) -> Channels:
+    def channels(self, camera: CameraSample, measured: Radiance, valid_ray: mi.Bool) -> Channels:
         """Return the channels of samples before and after the image's weight channel.
 
         Args:
@@ -177,7 +177,7 @@ class Recording:
         """Arrange sums of splats in the channels of the image, see `accumulation.Arrange`."""
         return first_image(sums)
 
-    def _splat(self, camera: CameraRays) -> Splat | None:
+    def _splat(self, camera: CameraSample) -> Splat | None:
         """Return a function that adds splats to the picture, None for renders without splats."""
         splats = self.accumulation.splats
         if splats is None:
@@ -208,7 +208,7 @@ class PictureRecording(Recording):
     def require_no_lengths(self, integrator: str) -> None:
         """Accept any integrator, because a steady picture does not need path lengths."""
 
-    def measurement(self, camera: CameraRays, one_writer: bool = False) -> Radiance:
+    def measurement(self, camera: CameraSample, one_writer: bool = False) -> Radiance:
         """Create the sum of light, weighted by path length if the exposure has a weight."""
         splat = self._splat(camera)
         weight = self.exposure.weight
@@ -264,7 +264,7 @@ class BinRecording(Recording):
         if splats:
             self.film.expect_splats(apart)
 
-    def measurement(self, camera: CameraRays, one_writer: bool = False) -> TimeBins:
+    def measurement(self, camera: CameraSample, one_writer: bool = False) -> TimeBins:
         """Create the measurement of the bins."""
         return TimeBins.of_film(
             film=self.film,
@@ -306,7 +306,7 @@ class MitransientRecording(BinRecording):
             )
         super().prepare(spp)
 
-    def measurement(self, camera: CameraRays, one_writer: bool = False) -> TimeBins:
+    def measurement(self, camera: CameraSample, one_writer: bool = False) -> TimeBins:
         """Create the measurement of the bins. mitransient's film adds atomically."""
         return super().measurement(camera)
 
@@ -337,7 +337,7 @@ class PhasorRecording(Recording):
         """The film's image, with channels of phasors after the channels of color."""
         return self.film.steady
 
-    def measurement(self, camera: CameraRays, one_writer: bool = False) -> PhasorSum:
+    def measurement(self, camera: CameraSample, one_writer: bool = False) -> PhasorSum:
         """Create the sums of phasors."""
         return PhasorSum.zero(self.film.frequencies_hz, self._splat(camera))
 
@@ -358,7 +358,7 @@ class PhasorRecording(Recording):
         first, rest = super()._arrange(sums)
         return first, np.concatenate([rest, parts.reshape(*sums.shape[:2], -1)], axis=2)
 
-    def channels(self, camera: CameraRays, measured: Radiance, valid_ray: mi.Bool) -> Channels:
+    def channels(self, camera: CameraSample, measured: Radiance, valid_ray: mi.Bool) -> Channels:
         """Return the color before the weight channel, and all phasors after the weight channel."""
         first, rest = super().channels(camera, measured, valid_ray)
 

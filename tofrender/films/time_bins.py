@@ -12,8 +12,8 @@ import mitsuba as mi
 
 from ..signals.polarization import no_light, scaled
 from ..signals.pulses import Pulse
-from .colors import units_of
-from .contribution import CameraRays, Contribution
+from .channels import units_of
+from .contribution import CameraSample, Contribution
 from .sums import Radiance, Splat
 
 Put = Callable[[mi.Spectrum, mi.Float, mi.Bool], None]
@@ -38,7 +38,7 @@ class TimeBins(Radiance):
     def of_film(
         cls,
         film: mi.Film,
-        camera: CameraRays,
+        camera: CameraSample,
         weight: mi.UnpolarizedSpectrum,
         pulse: Pulse | None,
         at_centers: bool = False,

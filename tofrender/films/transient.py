@@ -12,7 +12,7 @@ import numpy as np
 from ..runtime import checks
 from ..runtime.settings import parameter
 from ..signals.polarization import stokes_count, to_stokes
-from .colors import channels_by, channels_of
+from .channels import channels_by, channels_of
 from .histogram import Histogram
 from .image import box_by_default, image_film, stokes_channels
 from .splats import Splats, footprint

@@ -21,8 +21,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..films.colors import channels_of
-from ..films.contribution import CameraRays, Contribution
+from ..films.channels import channels_of
+from ..films.contribution import CameraSample, Contribution
 from ..films.recording import BinRecording, Recording
 from ..films.sums import Radiance
 from ..films.time_bins import TimeBins, bin_of_instant, bins_of_pulse, pulse_weight
@@ -65,7 +65,7 @@ class Changes:
     """
 
     def __init__(
-        self, record: Recording, camera: CameraRays, gradients: Sequence[mi.TensorXf] = ()
+        self, record: Recording, camera: CameraSample, gradients: Sequence[mi.TensorXf] = ()
     ) -> None:
         self.record = record
         self.camera = camera

@@ -20,7 +20,7 @@ from ..scenes.transient_integrators import path_tracer_of
 from ..signals.modulations import AMCWPulse
 from ..signals.phasors import phasor_parts
 from .base import TransientIntegrator
-from .running import render_all, render_image
+from .render_loop import render_all, render_image
 from .transient_path import TransientPath
 from .user_defined import follows, is_user_defined
 

@@ -10,16 +10,16 @@ import mitsuba as mi
 from ..films.exposure import Exposure, Weight
 from ..films.recording import Recording, recording, warn_not_finite
 from ..films.sums import Radiance
-from ..media.space import Media
+from ..media.participating import Media
 from ..paths.endpoints import EmitterHits, SceneLights
 from ..paths.endpoints.scene_lights import checked_count
-from ..paths.motion import Velocities
 from ..paths.protocols import Endpoint, Scattering, Space
 from ..paths.records import Limits
 from ..paths.refraction import index_around
 from ..paths.scattering import Materials
 from ..paths.space import Vacuum
 from ..paths.surfaces import has_lobes
+from ..paths.velocities import Velocities
 from ..runtime import checks
 from ..runtime.interface import readable
 from ..runtime.settings import parameter

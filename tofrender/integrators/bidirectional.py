@@ -8,9 +8,9 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
-from ..bidirectional.camera import Camera, LightPathHistory
 from ..bidirectional.emission import Emission, Emitted
 from ..bidirectional.lens import Lens
+from ..bidirectional.lens_connections import Camera, LightPathHistory
 from ..bidirectional.light_paths import LightPaths
 from ..bidirectional.mis import BidirectionalMIS
 from ..films.contribution import Contribution

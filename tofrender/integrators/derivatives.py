@@ -10,13 +10,13 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from ..films.contribution import Contribution
+from ..films.contribution import CameraSample, Contribution
 from ..films.histogram import MAX_ADDED
 from ..films.recording import BinRecording, Recording
 from ..gradients.detached import Detached
 from ..gradients.films import BinChanges, Changes, Collected
 from ..gradients.steps import MOST_KEPT, jvp, vjp
-from ..paths.camera import CameraSample, sample_camera, sampled_size
+from ..paths.camera import sample_camera, sampled_size
 from ..paths.protocols import Endpoint, Parts
 from ..paths.records import Path
 from ..paths.surfaces import has_lobes

@@ -16,11 +16,11 @@ import numpy as np
 
 from ..paths.camera import Tile, sampled_size
 from ..paths.endpoints import EmitterHits, SceneLights
-from ..paths.kinds import Kind
+from ..paths.path_kinds import Kind
 from ..paths.scattering import Materials
+from ..paths.sensor_window import KINDS, Window
 from ..paths.space import Vacuum
 from ..paths.walk import add_emission
-from ..paths.window import KINDS, Window
 from .plan import Plan
 from .user_defined import Tracer
 

@@ -19,16 +19,16 @@ import mitsuba as mi
 import numpy as np
 
 from ..bidirectional.caustic_photons import CausticPhotons
-from ..films.colors import color_count
+from ..films.channels import color_count
 from ..films.histogram import MAX_ADDED
 from ..films.recording import Recording
 from ..films.sums import AsSplats
 from ..paths.camera import Tile, pixel_corner, sample_camera, sampled_size
-from ..paths.kinds import Kind
+from ..paths.path_kinds import Kind
 from ..runtime import backend, checks, gpu, plugins, variants
 from ..runtime.checkpoints import SavedState
 from ..samplers.padded_sobol import mix
-from .caustics import Caustics
+from .caustic_techniques import Caustics
 from .extra_rays import DeltaChains, ExtraRays, VisibleEmitters
 from .user_defined import Tracer
 

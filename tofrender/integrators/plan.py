@@ -11,7 +11,7 @@ import mitsuba as mi
 
 from ..films.contribution import Contribution
 from ..paths.camera import behind_emitters
-from ..paths.kinds import Kind
+from ..paths.path_kinds import Kind
 from ..paths.protocols import Endpoint, Measurement, Parts, Scattering, Space
 from ..paths.records import Limits, Path
 from ..paths.walk import accumulate, walk

@@ -16,8 +16,8 @@ from ..films.exposure import BINS, PICTURE, Exposure
 from ..films.recording import recording
 from ..films.sums import Weighted
 from ..films.windowed import transient_film
-from ..media.gated import GatedFog
-from ..media.space import Media
+from ..media.ellipsoidal import GatedFog
+from ..media.participating import Media
 from ..paths.endpoints import GatedLights
 from ..paths.surfaces import has_lobes
 from ..runtime import checks
@@ -26,7 +26,7 @@ from ..scenes.checking import check_view
 from ..signals.pulses import GaussianPulse, Pulse
 from .base import TransientIntegrator
 from .plan import Plan
-from .running import render_all, render_image, require_method
+from .render_loop import render_all, render_image, require_method
 from .user_defined import follows, is_user_defined
 
 # Keys of `film_config`, see `render_transient`

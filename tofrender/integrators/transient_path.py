@@ -47,9 +47,10 @@ connects to, 1 to 64; later vertices connect to half as many points, rounded up 
     number is also 1 on films without time bins, and for a single point light or directional light.
 
     In scenes with mirrors or clear glass, other techniques than the paths find some kinds of light,
-    see `paths.kinds` and `integrators.caustics`. These techniques are used for films with time bins
-    and phasor films, in scenes without media. The expected value of the film does not depend on the
-    techniques. Photons may reach any pixel. Tiles of a film, polarized variants, and cameras other
+    see `paths.path_kinds` and `integrators.caustic_techniques`. These techniques
+    are used for films with time bins and phasor films, in scenes without media. The expected value
+    of the film does not depend on the techniques. Photons may reach any pixel. Tiles of a film,
+    polarized variants, and cameras other
     than `perspective` and `thinlens` therefore use caustic rays instead of photons. Equal seeds
     give equal films up to rounding, because threads add photons in any order.
 

@@ -11,7 +11,7 @@ from scipy.io import savemat
 
 from ..labels import CAPTURE
 from ..nlos.captures import ON_WALL, as_capture, read_capture, without_first_and_last_legs
-from ..nlos.reconstruction.measured import Measured
+from ..nlos.reconstruction.wall_capture import Measured
 from ..runtime import checks
 from ..runtime.atomic import check_file, replacing
 from ..runtime.progress import status
@@ -82,9 +82,7 @@ def save_matlab_capture(
     if mode != "confocal":
         raise ValueError(f"capture: {mode} captures are not supported; use a confocal capture")
     if ON_WALL in capture:
-        raise ValueError(
-            "capture: pixels beyond the wall are not supported; crop the capture"
-        )
+        raise ValueError("capture: pixels beyond the wall are not supported; crop the capture")
     measured = Measured.of(without_first_and_last_legs(capture))
     side = _side(measured)
     start = measured.start / measured.width

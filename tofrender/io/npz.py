@@ -3,7 +3,7 @@
 import json
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 from zipfile import ZipFile
 
 import numpy as np
@@ -63,6 +63,19 @@ def save_npz(
         for name in (*_ARRAYS, *(name for name in ERRORS | HALVES if name in dataset)):
             _write(archive, name, Cube(dataset[name]))
     return target
+
+
+def save_arrays(dataset: xr.Dataset, path: Path) -> None:
+    """Write all variables and coordinates of a Dataset to a compressed NumPy archive.
+
+    Attributes are not written. Reconstructed volumes are stored in this way.
+
+    Args:
+        dataset: The Dataset.
+        path: The file, with the suffix ".npz".
+    """
+    arrays: dict[str, Any] = {str(name): v.values for name, v in dataset.variables.items()}
+    np.savez_compressed(path, **arrays)
 
 
 def _write(archive: ZipFile, name: str, cube: Cube) -> None:

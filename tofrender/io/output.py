@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..runtime import checks
 from ..runtime.atomic import TEMPORARY_PREFIX, check_file, check_writable, replacing
-from .contents import is_listed
+from .command_files import is_listed
 
 LAYOUTS = ("frames", "multipart", "npz")
 BYTES_PER_VALUE = {"half": 2, "float": 4}

@@ -7,8 +7,7 @@ refuses other data in one line.
 """
 
 from .axes import CHANNELS, STOKES, Bins
-from .energy import energy_outside_window, with_energy
-from .kinds import (
+from .dataset_kinds import (
     BINNED,
     CAPTURE,
     CAPTURES,
@@ -41,6 +40,7 @@ from .kinds import (
     ZONES,
     Kind,
 )
+from .energy import energy_outside_window, with_energy
 from .reading import (
     bins_of,
     by_pixel,

@@ -9,7 +9,7 @@ import xarray as xr
 from ..runtime import checks
 from ..signals.units import opl_to_ns
 from .axes import CHANNELS, PARTS, STOKES, WEIGHTINGS, XYZ, Bins
-from .kinds import Kind
+from .dataset_kinds import Kind
 
 SAME_WIDTH = 1e-3  # Relative error of the distance of bins that rounding explains
 SAME_START = 1e-5  # Error of the start of bins that rounding explains [bins]

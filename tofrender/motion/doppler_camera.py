@@ -32,8 +32,8 @@ import xarray as xr
 
 from ..films.image import pixels_of
 from ..films.phasor_sum import Factor
-from ..films.rates import DopplerRecording
-from ..integrators.running import render_all
+from ..films.rate_bins import DopplerRecording
+from ..integrators.render_loop import render_all
 from ..labels import DOPPLER, read
 from ..rendering.dataset import pixels_and_channels
 from ..rendering.labels import labeled

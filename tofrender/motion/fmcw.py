@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import numpy as np
 import xarray as xr
 
-from ..films.rates import Axis
+from ..films.rate_bins import Axis
 from ..labels import RANGE_RATES, SPECTRA, even_axis, read, with_energy
 from ..runtime import checks, memory
 from ..signals.units import SPEED_OF_LIGHT

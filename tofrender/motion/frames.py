@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from ..films.windowed import transient_film
-from ..integrators.running import interrupted
+from ..integrators.render_loop import interrupted
 from ..rendering.dataset import LOST_ENERGY
 from ..rendering.job import Job, WorkItem, WorkResult, dataset_of, decide, whole
 from ..rendering.renderer import make_job

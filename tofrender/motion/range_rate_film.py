@@ -11,11 +11,11 @@ import mitsuba as mi
 import numpy as np
 import xarray as xr
 
-from ..films.rates import Axis, RateRecording, rate_film
-from ..integrators.running import render_all
+from ..films.rate_bins import Axis, RateRecording, rate_film
+from ..integrators.render_loop import render_all
 from ..rendering.dataset import LOST_ENERGY, pixels_and_channels
 from ..rendering.labels import labeled
-from ..rendering.window import windowed_film
+from ..rendering.time_window import windowed_film
 from ..runtime import checks
 from ..scenes.motion import motions_of
 from .opening import MovingSettings, open_moving, split_settings

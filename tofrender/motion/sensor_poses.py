@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 import xarray as xr
 
-from ..integrators.running import interrupted
+from ..integrators.render_loop import interrupted
 from ..rendering.dataset import LOST_ENERGY
 from ..rendering.job import Job, dataset_of, decide, whole
 from ..rendering.renderer import make_job

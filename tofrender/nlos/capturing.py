@@ -14,12 +14,12 @@ from ..films.image import time_bins
 from ..films.recording import warn_not_finite
 from ..films.windowed import transient_film
 from ..integrators.passes import SampleRange, best_sampler, steps
-from ..integrators.running import interrupted, made_with, run
+from ..integrators.render_loop import interrupted, made_with, run
 from ..labels import bins_of
 from ..rendering.collecting import ArrayStore, collect
 from ..rendering.job import Job, dataset_of, decide, remaining
 from ..rendering.settings import RenderSettings
-from ..rendering.window import warn_of_losses
+from ..rendering.time_window import warn_of_losses
 from ..rendering.work_items import render_item
 from ..rendering.workers import check_client, render_by_workers, require_client
 from ..runtime import checks, variants

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..films.exposure import profile as seen_pulse
 from ..integrators.user_defined import is_user_defined
-from ..rendering.window import windowed_film
+from ..rendering.time_window import windowed_film
 from ..runtime import checks, memory
 from ..scenes.checking import check_scene
 from ..scenes.fingerprint import shape_digest

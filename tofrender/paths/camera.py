@@ -7,30 +7,10 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from ..films.contribution import CameraSample
 from ..runtime.interface import world_transform
 from ..signals.polarization import sensor_frame
 from .wavefronts import Wavefronts
-
-
-@dataclass
-class CameraSample:
-    """Camera rays through random points of pixels, one ray per lane."""
-
-    # Rays in world space, which start at the near plane
-    ray: mi.Ray3f
-
-    # Point where lengths start [m]: the sensor's position, or the point on its lens
-    origin: mi.Point3f
-
-    # Importance of each ray over its density
-    weight: mi.UnpolarizedSpectrum
-
-    # Position on the film [pixels], which includes the crop offset. With a box filter, the corner
-    # of the pixel, so that rounding cannot move a sample to the next pixel
-    position: mi.Point2f
-
-    # Mueller matrix that rotates the Stokes frame of each ray to the frame of the sensor, or None
-    frame: mi.Spectrum | None = None
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import mitsuba as mi
 
 from ..signals.polarization import intensity, multiply_throughput
 from .guiding import GuidedMaterials
-from .kinds import Kind
+from .path_kinds import Kind
 from .protocols import Endpoint, Measurement, Parts, Space
 from .records import Limits, Path, Vertex
 from .scattering import Materials

@@ -5,7 +5,7 @@ The loop calls these interfaces only, and does not check the types of their impl
 | interface | implementation | meaning |
 |---|---|---|
 | space | `space.Vacuum` | straight rays between surfaces |
-| | `media.space.Media` | straight rays through participating media |
+| | `media.participating.Media` | straight rays through participating media |
 | endpoint | `endpoints.SceneLights` | emitters of the scene, by next-event estimation and hits |
 | | `endpoints.EmitterHits`, `ConnectionsOnly` | one of both techniques |
 | scattering | `scattering.Materials` | the BSDF of each surface, or one BSDF for all surfaces |
@@ -16,9 +16,10 @@ The loop calls these interfaces only, and does not check the types of their impl
 | | `films.phasor_sum.PhasorSum` | phasors of some frequencies |
 | | `rendering.arrivals.ArrivalHistogram` | energy over path length, summed over all pixels |
 
-More endpoints are in the packages that need them: `integrators`, `media.gated`, `bidirectional` and
-`nlos.light`. Space, endpoint and scattering do not change while paths are traced. If they need data
-about a path, these data are fields of the path (`history`, `guide`, `medium`).
+More endpoints are in the packages that need them: `integrators`, `media.ellipsoidal`,
+`bidirectional` and `nlos.light`. Space, endpoint and scattering do not change while paths are
+traced. If they need data about a path, these data are fields of the path (`history`, `guide`,
+`medium`).
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from ..films.contribution import Contribution
 from .records import BSDFEval, BSDFSample, Connection, Hit, Limits, Path, Transmittance, Vertex
 
 if TYPE_CHECKING:
-    from .motion import Velocities
+    from .velocities import Velocities
 
 H = TypeVar("H")
 

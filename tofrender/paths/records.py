@@ -13,7 +13,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..signals.polarization import unit_throughput
-from .kinds import Kind, Lobes
+from .path_kinds import Kind, Lobes
 
 H = TypeVar("H")  # Type of the history that an endpoint keeps of a path
 
@@ -396,7 +396,7 @@ class Limits:
         ignore_null: Whether null interactions change neither depth nor MIS weights, as in Mitsuba's
             `volpath`. Space and endpoint must pass through null surfaces (`transient_volpath`).
         min_depth: Shortest path in segments that counts: 3 leaves out emitters and direct light.
-        left_out: Kinds of paths that another technique renders, see `paths.kinds`.
+        left_out: Kinds of paths that another technique renders, see `paths.path_kinds`.
     """
 
     def __init__(

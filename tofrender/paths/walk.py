@@ -56,7 +56,7 @@ import mitsuba as mi
 
 from ..films.contribution import Contribution
 from ..signals.polarization import apply_throughput, intensity, multiply_throughput, summed
-from .kinds import Kind
+from .path_kinds import Kind
 from .protocols import FurtherConnections, LeaveVertex, Measurement, MediumConnections, Parts
 from .records import BSDFEval, Connection, Path, Vertex
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from ..integrators.running import stopped
+from ..integrators.render_loop import stopped
 from ..runtime.checkpoints import Checkpoint
 from ..runtime.progress import ProgressBar, deferred_stop
 from .job import Job, WorkResult, whole

@@ -26,7 +26,7 @@ from .arrivals import LAST_OPL, Arrivals, Look, looking_once
 from .dataset import coordinates, require_finite, transient_dataset
 from .errors import batches_of
 from .settings import RenderSettings, is_auto
-from .window import (
+from .time_window import (
     ARRIVALS_SEED,
     WINDOW_OPTION,
     check_window,

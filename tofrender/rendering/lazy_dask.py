@@ -1,4 +1,9 @@
-"""Datasets of arrays in memory without the import of Dask, which is slow."""
+"""Datasets of arrays in memory without the import of Dask, which is slow.
+
+xarray imports Dask when it creates a Dataset, if Dask is installed. xarray has no option against
+it, and libraries for lazy imports change only the imports of their own package. Therefore this
+module replaces an entry in xarray's cache of array modules.
+"""
 
 import sys
 from functools import cache

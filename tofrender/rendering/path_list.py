@@ -12,16 +12,16 @@ import mitsuba as mi
 import numpy as np
 import xarray as xr
 
-from ..films.colors import kept, to_rgb
-from ..films.contribution import Contribution
+from ..films.channels import kept, to_rgb
+from ..films.contribution import CameraSample, Contribution
 from ..integrators.base import TransientIntegrator
 from ..integrators.bidirectional import BidirectionalPlan
 from ..integrators.passes import best_sampler
 from ..integrators.plan import Plan
 from ..integrators.user_defined import follows
-from ..paths.camera import CameraSample, sample_camera, sampled_size
+from ..paths.camera import sample_camera, sampled_size
+from ..paths.sensor_window import KINDS, Window
 from ..paths.walk import step
-from ..paths.window import KINDS, Window
 from ..runtime import backend, checks, variants
 from ..scenes.checking import check_view
 from ..scenes.loading import load_plugin, load_scene, require_sensor

@@ -27,9 +27,9 @@ from .arrivals import Look, looking_once
 from .collecting import collect
 from .job import Job, dataset_of, decide, remaining
 from .settings import RenderArguments, RenderSettings, is_auto
-from .store import check_film
+from .stored_film import check_film
 from .streaming import stream
-from .window import BINS, pulse_width_for, windowed_film
+from .time_window import BINS, pulse_width_for, windowed_film
 from .work_items import render_item
 from .workers import check_workers, workers_for
 

@@ -21,7 +21,7 @@ from .job import film_of_light, sampler_for
 from .labels import labeled
 from .renderer import open_scene
 from .settings import RenderSettings
-from .window import check_window, windowed_film
+from .time_window import check_window, windowed_film
 
 if TYPE_CHECKING:
     from ..films.transient import TransientHDRFilm

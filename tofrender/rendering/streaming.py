@@ -16,7 +16,7 @@ from .collecting import ResultStore
 from .dataset import channel_coordinates
 from .films_on_disk import load_zarr
 from .job import WorkItem, render_attributes, warn_of_missing, whole
-from .store import StoredFilm, TileReceipt, check_film, under_way
+from .stored_film import StoredFilm, TileReceipt, check_film, under_way
 from .tiling import tile_size, tiles
 from .work_items import render_item
 from .workers import check_client, render_by_workers

@@ -17,8 +17,8 @@ import numpy as np
 from ..films.windowed import transient_film
 from ..integrators.passes import SampleRange, steps
 from ..integrators.plan import Plan
-from ..integrators.running import UNIT, interrupted, run
-from ..media.space import Media
+from ..integrators.render_loop import UNIT, interrupted, run
+from ..media.participating import Media
 from ..paths.camera import Tile
 from ..runtime.checkpoints import Checkpoint, SavedState, SubCheckpoint
 from ..runtime.progress import deferred_stop

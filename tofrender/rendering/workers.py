@@ -27,7 +27,7 @@ from ..runtime.versions import versions
 from ..scenes.packing import packed, unpacked
 from .job import WorkItem, WorkResult
 from .settings import MAX_WORKERS, SETTINGS
-from .store import StoredFilm, TileReceipt
+from .stored_film import StoredFilm, TileReceipt
 
 if TYPE_CHECKING:
     from distributed import Client, Future

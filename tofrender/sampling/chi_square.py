@@ -34,7 +34,7 @@ from scipy.special import chdtrc
 from ..runtime import checks
 from ..runtime.atomic import check_file
 from ..runtime.canvas import FIGURE_SUFFIXES, save_figure
-from . import domains, histograms
+from . import cell_counts, domains
 from .statistics import smallest_allowed
 from .verdicts import Moment, SuiteVerdict, Verdict
 
@@ -112,7 +112,7 @@ def chi_square_test(
     check_chance(alpha)
     known = checks.mapping("expected_moments", expected_moments)
     for key in known:
-        checks.one_of("expected_moments", key, histograms.MOMENTS[domain.dimensions])
+        checks.one_of("expected_moments", key, cell_counts.MOMENTS[domain.dimensions])
     path = None
     if figure is not None:
         path = check_file(figure, *FIGURE_SUFFIXES, overwrite=True, name="figure")
@@ -128,8 +128,10 @@ def chi_square_test(
             f"requires {domain.dimensions} dimensions"
         )
     points = drawn.points[:, drawn.valid]
-    edges = histograms.cell_edges(domain, domain.to_plane(pilot.points[:, pilot.valid]), resolution)
-    cell = histograms.cell_of(edges, domain.to_plane(points))
+    edges = cell_counts.cell_edges(
+        domain, domain.to_plane(pilot.points[:, pilot.valid]), resolution
+    )
+    cell = cell_counts.cell_of(edges, domain.to_plane(points))
     observed = np.bincount(cell, minlength=(edges[0].size - 1) * (edges[1].size - 1))
 
     # Integrate the density and its moments over the cells. Moments are relative to the samples'
@@ -137,16 +139,16 @@ def chi_square_test(
     density = _values(pdf, points)
     highest = np.zeros(observed.size)
     np.maximum.at(highest, cell, np.where(np.isfinite(density), density, 0.0))
-    mean = histograms.second_moments(points).sum(axis=1, keepdims=True) / max(points.shape[1], 1)
-    functions = lambda p: histograms.second_moments(p) - mean  # noqa: E731
+    mean = cell_counts.second_moments(points).sum(axis=1, keepdims=True) / max(points.shape[1], 1)
+    functions = lambda p: cell_counts.second_moments(p) - mean  # noqa: E731
     options: Any = {"samples": samples, "highest": highest, "seed": seed}
-    integrals = histograms.integrate(pdf, functions, domain, edges, **options)
+    integrals = cell_counts.integrate(pdf, functions, domain, edges, **options)
     observed = observed.reshape(integrals.cells.shape)
 
     # Compare counts and moments. All p-values share the probability `alpha`
-    moments = histograms.compare_moments(points, integrals, known)
+    moments = cell_counts.compare_moments(points, integrals, known)
     smallest = smallest_allowed(smallest_allowed(alpha, tests), 1 + len(moments))
-    chi2, freedom = histograms.statistic(observed, integrals, samples)
+    chi2, freedom = cell_counts.statistic(observed, integrals, samples)
     p_value = float(chdtrc(freedom, chi2)) if freedom > 0 else math.nan
     failed_moments = [moment for moment in moments if not moment.p_value >= smallest]
     failed_moments.sort(key=lambda moment: -abs(np.nan_to_num(moment.z, nan=np.inf)))

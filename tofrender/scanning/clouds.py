@@ -10,8 +10,8 @@ import xarray as xr
 from ..labels import WAVEFORMS, read
 from ..runtime import checks
 from ..sensors.echo_detection import choices, find_echoes
-from ..sensors.histograms import Returns
-from ..sensors.rates import generator
+from ..sensors.photon_histograms import Returns
+from ..sensors.photon_rates import generator
 from ..sensors.response import blurred
 from ..sensors.spad import Spad
 from ..signals.pulses import GaussianPulse

@@ -15,10 +15,10 @@ import xarray as xr
 
 from ..films.recording import warn_not_finite
 from ..integrators.passes import best_sampler, steps
-from ..integrators.running import UNIT, interrupted, run
+from ..integrators.render_loop import UNIT, interrupted, run
 from ..labels import PATTERN
 from ..paths.surfaces import first_surface
-from ..rendering.window import warn_of_losses
+from ..rendering.time_window import warn_of_losses
 from ..runtime import backend, checks, variants
 from ..runtime.interface import pose
 from ..runtime.parameters import filled, takes

@@ -20,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..runtime.interface import POSITIONS, readable, rows
-from .files import resolved_path
+from .dangerous_files import resolved_path
 from .motion import moved
 from .nodes import NAMELESS, is_kind
 

@@ -26,8 +26,13 @@ from ..runtime.settings import SceneSettings, check_settings
 from . import BUILT_IN
 from .checking import require_inverse
 from .compatibility import translate_names
+from .dangerous_files import (
+    require_indices,
+    require_readable_dict,
+    require_shallow_xml,
+    require_utf8,
+)
 from .editing import STEADY_FILM, change, name_shapes, qualify_plugins
-from .files import require_indices, require_readable_dict, require_shallow_xml, require_utf8
 from .fingerprint import describe, remember_description
 from .motion import moving, take_motions
 from .nodes import is_kind

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..runtime import checks
 from .jitter import kernel
-from .rates import at_least_0
+from .photon_rates import at_least_0
 from .response import distribution
 
 

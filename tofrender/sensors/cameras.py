@@ -12,7 +12,7 @@ from ..analysis.rebinning import sums_between
 from ..labels import RATES, require_consecutive
 from ..runtime import checks
 from ..signals.units import SPEED_OF_LIGHT
-from .rates import Rates, generator
+from .photon_rates import Rates, generator
 
 
 class Camera:

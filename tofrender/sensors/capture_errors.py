@@ -18,7 +18,7 @@ from ..nlos.reconstruction.methods import METHODS, reconstruct
 from ..nlos.truth import hidden_depth
 from ..runtime import checks
 from ..scenes.loading import load_scene
-from .config import read_sensor, sense
+from .sensor_config import read_sensor, sense
 
 MAX_SEEDS = 1000
 

@@ -10,8 +10,8 @@ from scipy import ndimage, signal as filters, stats
 from ..labels import COUNTS
 from ..runtime import checks
 from .false_alarms import ROUNDING, thresholds
-from .histograms import Returns, around
-from .rates import generator
+from .photon_histograms import Returns, around
+from .photon_rates import generator
 
 PASSES = 4  # Passes in which a background is estimated
 SEPARATE = 5  # Echoes of a pixel above which its light is not in separate echoes

@@ -8,7 +8,7 @@ import xarray as xr
 from ..labels import COUNTS
 from ..runtime import checks
 from .bounds import depth_bound
-from .histograms import Returns, around
+from .photon_histograms import Returns, around
 
 METHODS = ("matched", "log_matched", "centroid", "ml")
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .rates import Block, generator
+from .photon_rates import Block, generator
 from .spad_parameters import SpadParameters
 
 # Expected avalanches of a row of SPADs in a chunk of cycles

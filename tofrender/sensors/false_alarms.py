@@ -33,7 +33,7 @@ from scipy import signal as signals, stats
 from scipy.optimize import brentq
 
 from ..runtime.progress import ProgressBar
-from .rates import generator
+from .photon_rates import generator
 
 RATIO = 1.1  # Ratio of neighboring backgrounds that have their own thresholds
 EXACT = 10  # Each smaller number of counts per pixel has its own threshold

@@ -12,8 +12,8 @@ from ..runtime import checks
 from ..signals.phasors import phasor_parts
 from ..signals.units import SPEED_OF_LIGHT, check_below_limit, check_frequencies
 from .cameras import Camera
-from .correlation import correlation, phasor_of_taps, sample_taps
-from .rates import Rates
+from .photon_rates import Rates
+from .taps import correlation, phasor_of_taps, sample_taps
 
 
 @dataclass(frozen=True, kw_only=True)

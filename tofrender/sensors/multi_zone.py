@@ -20,7 +20,7 @@ from ..labels import POSES, intensity, read, require_consecutive
 from ..runtime import checks
 from ..runtime.tables import known_keys, read_toml, table
 from ..signals.pulses import KnotPulse, SampledPulse
-from .rates import generator
+from .photon_rates import generator
 
 FOLDER = Path(__file__).parent / "presets"
 MULTI_ZONE_PRESETS = ("tmf8820",)

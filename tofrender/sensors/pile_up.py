@@ -6,8 +6,8 @@ import numpy as np
 
 from ..labels import BINNED
 from ..runtime import checks
-from .histograms import along_bins
-from .rates import at_least_0
+from .photon_histograms import along_bins
+from .photon_rates import at_least_0
 
 
 def first_photon(rates: np.ndarray) -> np.ndarray:

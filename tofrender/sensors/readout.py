@@ -12,8 +12,8 @@ from ..signals.units import SPEED_OF_LIGHT
 from .dead_time import armed_detections, sample_counts
 from .events import KeyLayout, detections
 from .jitter import add_jitter, kernel, sample_jitter
+from .photon_rates import Block, Rates, generator
 from .pile_up import first_photon
-from .rates import Block, Rates, generator
 from .response import distribution
 from .spad_parameters import SpadParameters
 

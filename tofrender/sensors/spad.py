@@ -8,7 +8,7 @@ import xarray as xr
 
 from ..labels import RATES
 from ..runtime import checks
-from .rates import Rates, by_blocks
+from .photon_rates import Rates, by_blocks
 from .readout import Readout
 from .spad_parameters import SpadParameters
 

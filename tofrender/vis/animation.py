@@ -17,7 +17,7 @@ from ..labels import TRANSIENT
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..signals.units import opl_to_ns
 from .tone import auto_exposure, tonemap
-from .transient import Transient, picture_aspect, pixel_axes, read_light, time_axes
+from .transient_figures import Transient, picture_aspect, pixel_axes, read_light, time_axes
 
 _INTERVAL_MS = 50
 _PLAYER_FRAMES = 100

@@ -12,8 +12,8 @@ from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import COLUMN, NO_VALUE, PictureGrid, percentile_range
 from ..signals.units import SPEED_OF_LIGHT, check_frequencies
-from .colors import phase_map
-from .transient import map_axes, picture_aspect
+from .color_maps import phase_map
+from .transient_figures import map_axes, picture_aspect
 
 MAX_WRAPS = 128  # Largest unambiguous range that is unwrapped, in wraps of the highest frequency
 

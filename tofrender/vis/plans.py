@@ -17,7 +17,7 @@ from ..runtime.backend import tracing_lock
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..runtime.interface import POSITIONS, name_of, rows, world_transform
 from ..runtime.plots import few_ticks, fit_height, wrap_text
-from .transient import picture_aspect
+from .transient_figures import picture_aspect
 
 Array = NDArray[np.float64]
 

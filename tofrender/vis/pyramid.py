@@ -10,7 +10,7 @@ from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
 from ..runtime.plots import wrap_text
 from .tone import auto_exposure, tonemap
-from .transient import picture_aspect
+from .transient_figures import picture_aspect
 
 _WIDTH = 1.2  # Usual width of a picture [inches]
 _LEAST = 0.42  # Least width of a picture [inches]

@@ -10,7 +10,7 @@ from ..labels import SENSED, pixel_steps, read
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure, palette
 from ..runtime.plots import color_bar, ends_beyond, hatch_patch, percentile_range, wrap_text
-from .transient import map_axes, typeset
+from .transient_figures import map_axes, typeset
 
 AXES = {"opl": "optical path length [m]", "delay_opl": "delay of the gate [m]"}
 AXES |= {"sweep": "path length along the sweep [m]"}

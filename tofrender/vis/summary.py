@@ -15,7 +15,14 @@ from ..runtime.progress import status
 from ..signals.color import luminance
 from ..signals.units import opl_to_ns
 from .tone import tonemap
-from .transient import Transient, explain_hatch, map_axes, picture_aspect, pixel_axes, time_axes
+from .transient_figures import (
+    Transient,
+    explain_hatch,
+    map_axes,
+    picture_aspect,
+    pixel_axes,
+    time_axes,
+)
 
 
 @status("Drawing the summary")

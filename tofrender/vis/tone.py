@@ -8,8 +8,8 @@ import numpy as np
 
 from ..rendering.cubes import Cube
 from ..runtime import checks
-from .colors import to_srgb
-from .transient import Transient
+from .color_maps import to_srgb
+from .transient_figures import Transient
 
 _SAMPLES = 1 << 21
 

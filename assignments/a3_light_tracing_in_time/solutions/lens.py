@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from tofrender.paths.window import Arrival, Window
+from tofrender.paths.sensor_window import Arrival, Window
 
 
 class Lens(Window):

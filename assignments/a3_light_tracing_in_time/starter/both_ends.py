@@ -61,7 +61,7 @@ def camera_path(
     Args:
         scene: The scene.
         sampler: Random numbers.
-        camera: Camera rays, see `tofrender.paths.camera.CameraSample`.
+        camera: Camera rays, see `tofrender.films.contribution.CameraSample`.
         density: Density of their directions [1/sr].
         count: Largest number of vertices.
 

@@ -19,9 +19,9 @@ from tofrender.sensors import (
     estimate_depth,
     expected_photons,
 )
-from tofrender.sensors.correlation import multipath_phase_error
 from tofrender.sensors.dead_time import sample_counts
 from tofrender.sensors.response import distribution
+from tofrender.sensors.taps import multipath_phase_error
 
 HERE = Path(__file__).parent
 SPEED_OF_LIGHT = 299792458.0

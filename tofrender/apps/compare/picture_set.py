@@ -12,7 +12,7 @@ import numpy as np
 from ...labels import TRANSIENT, intensity, read
 from ...runtime import checks
 from ...signals.color import luminance
-from ...vis.transient import Transient
+from ...vis.transient_figures import Transient
 from ..explorer.measurements import film_of, is_film, picture_of_taps
 
 if TYPE_CHECKING:

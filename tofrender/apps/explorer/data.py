@@ -26,14 +26,14 @@ from ...labels import (
 from ...motion.fmcw import checked_film
 from ...nlos.captures import ON_WALL, read_capture
 from ...nlos.reconstruction.depths import check_volume, depth_map
-from ...nlos.reconstruction.measured import WallFrame
+from ...nlos.reconstruction.wall_capture import WallFrame
 from ...rendering.cubes import Cube
 from ...rendering.dataset import DIMS, QUANTITIES
 from ...runtime import checks
 from ...signals.color import luminance
 from ...signals.polarization import STOKES
 from ...signals.units import ns_to_opl
-from ...vis.transient import Transient, typeset
+from ...vis.transient_figures import Transient, typeset
 from ...vis.unwarp import checked_distances
 from .compression import Mode
 from .measurements import film_of, is_film, phasors_of

@@ -9,8 +9,8 @@ import xarray as xr
 from ...labels import COUNTS, GATES, STREAK, TAPS, even_axis, pixel_steps, read
 from ...rendering.dataset import QUANTITIES
 from ...runtime import checks
-from ...sensors.config import read_sensor
 from ...sensors.itof import Itof
+from ...sensors.sensor_config import read_sensor
 
 LABELS = {
     "bin": "",  # Photons have the path lengths of light

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ...labels import CAPTURE, EXPLORED, PATHS, TRANSIENT
 from ...runtime import checks
 from ..ui.bundle import text_of
-from .contents import contents_of
 from .module import javascript, style
+from .page_contents import contents_of
 from .paths import path_tracer
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...io.histograms import load_histograms
+from ...io.histogram_files import load_histograms
 from ...io.stl import read_stl
 from ...motion.sensor_poses import render_poses
 from ...runtime import checks

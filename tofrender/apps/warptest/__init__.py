@@ -61,7 +61,7 @@ def application(subject: str = "tent", *, module: Any = None, **parameters: Any)
     require_panel()
 
     from .engine import Engine
-    from .window import Tester
+    from .tester import Tester
 
     engine = Engine(module)
     atexit.register(engine.close)

@@ -23,9 +23,9 @@ from ...sampling import points
 from ...sampling.chi_square import Case
 from ...sampling.domains import find, to_numpy
 from ...sampling.verdicts import Verdict, density_panels
-from ...vis.warps import warp_figure
-from .sources import Library, Module, find_module, is_left_out
+from ...vis.warp_figures import warp_figure
 from .subjects import SUBJECTS
+from .warp_sources import Library, Module, find_module, is_left_out
 
 LIBRARY = "library"
 MODULE = "module"

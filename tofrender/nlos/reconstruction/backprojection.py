@@ -23,8 +23,8 @@ from ...rendering.workers import check_client, distribute
 from ...runtime.backend import activate
 from ...runtime.progress import ProgressBar
 from ...runtime.variants import require_vectorized
-from .measured import Measured
 from .volume import VolumeGrid
+from .wall_capture import Measured
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -18,8 +18,8 @@ import numpy as np
 
 from ...runtime.progress import ProgressBar
 from .fourier import fft, forward, inverse_sides, require_memory
-from .measured import Measured
 from .volume import VolumeGrid, native_volume
+from .wall_capture import Measured
 
 SURFACES = {"diffuse": 4, "retroreflective": 2}
 

@@ -20,8 +20,8 @@ from scipy.ndimage import uniform_filter1d
 from ...runtime import checks
 from ...runtime.progress import ProgressBar
 from .fourier import fft, forward, inverse_sides, require_memory
-from .measured import Lattice, Measured
 from .volume import VolumeGrid, native_volume
+from .wall_capture import Lattice, Measured
 
 SURFACES = {"diffuse": 3, "retroreflective": 1}
 """Power of the distance √v that compensates the decrease of light, by kind of hidden surface."""

@@ -17,9 +17,9 @@ from ..captures import as_capture, read_capture, without_first_and_last_legs
 from .backprojection import WEIGHTINGS, backproject, sharpen
 from .fk import fk_migration
 from .light_cone import SNR, SURFACES, light_cone_transform
-from .measured import Measured
 from .phasor_field import default_wavelength, phasor_field
 from .volume import VolumeGrid, default_volume, resample, volume_dataset
+from .wall_capture import Measured
 
 if TYPE_CHECKING:
     import xarray as xr

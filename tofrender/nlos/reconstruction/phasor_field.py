@@ -32,8 +32,8 @@ import numpy as np
 from ...runtime import checks
 from ...runtime.progress import ProgressBar
 from .fourier import fft, require_memory
-from .measured import Measured
 from .volume import VolumeGrid, resample
+from .wall_capture import Measured
 
 # Number of complex values of the kernels that are in memory at the same time
 _CHUNK = 1 << 22

@@ -9,7 +9,7 @@ import xarray as xr
 
 from ...rendering.labels import labeled
 from ...runtime import checks
-from .measured import Measured, WallFrame
+from .wall_capture import Measured, WallFrame
 
 MAX_VOXELS = 1 << 30
 

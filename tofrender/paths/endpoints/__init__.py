@@ -6,7 +6,7 @@ light. The wavefront of each direction is plane, all of it starts at OPL 0, and 
 negative.
 """
 
-from .gated import GatedLights as GatedLights
+from .gated_emitters import GatedLights as GatedLights
 from .scene_lights import (
     ConnectionsOnly as ConnectionsOnly,
     EmitterHits as EmitterHits,

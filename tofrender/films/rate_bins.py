@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from ..runtime import checks
-from .contribution import CameraRays, Contribution, rate_of
+from .contribution import CameraSample, Contribution, rate_of
 from .exposure import Exposure
 from .phasor_sum import Factor, PhasorSum
 from .recording import BinRecording, PhasorRecording
@@ -86,7 +86,7 @@ class RateRecording(BinRecording):
         """Width of a bin [m]."""
         return self.opl.width
 
-    def measurement(self, camera: CameraRays, one_writer: bool = False) -> RateBins:
+    def measurement(self, camera: CameraSample, one_writer: bool = False) -> RateBins:
         """Create the measurement of the bins."""
         bins = RateBins.of_film(
             film=self.film,
@@ -116,6 +116,6 @@ class DopplerRecording(PhasorRecording):
         super().__init__(film, exposure)
         self.factor = factor
 
-    def measurement(self, camera: CameraRays, one_writer: bool = False) -> PhasorSum:
+    def measurement(self, camera: CameraSample, one_writer: bool = False) -> PhasorSum:
         """Create the sums of phasors."""
         return PhasorSum.zero(self.film.frequencies_hz, self._splat(camera), self.factor)

@@ -15,9 +15,9 @@ from ..runtime.canvas import figure_width, in_style, new_figure
 from ..runtime.plots import color_bar, fit_height, percentile_range, wrap_text
 from ..signals.color import luminance
 from ..signals.units import opl_to_ns
-from .colors import hue_map, time_map
+from .color_maps import hue_map, time_map
 from .tone import auto_exposure, tonemap
-from .transient import Transient, explain_hatch, picture_aspect, pixel_axes, read_light
+from .transient_figures import Transient, explain_hatch, picture_aspect, pixel_axes, read_light
 
 STYLES = {"arrival": "arrival time", "peak": "peak time", "rainbow": "isochrones"}
 """Titles by style."""

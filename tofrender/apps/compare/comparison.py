@@ -11,8 +11,8 @@ from ...runtime.editions import LeftOut
 from ...signals.color import LUMINANCE
 from ..ui import bundle
 from ..ui.page import App, failure
+from .course_pictures import SCENES, render_technique, techniques
 from .picture_set import PictureSet, alike, difference, relative_errors
-from .pictures import SCENES, render_technique, techniques
 
 DIFFERENCES = "RdBu_r"  # Matplotlib's colors of negative and positive differences
 

@@ -10,10 +10,10 @@ import drjit as dr
 import mitsuba as mi
 
 from ..paths.endpoints.emitters import EmitterEndpoint
-from ..paths.endpoints.gated import GatedEmitters
+from ..paths.endpoints.gated_emitters import GatedEmitters
 from ..paths.protocols import LeaveVertex
 from ..paths.records import Connection, Hit, Path, Vertex
-from .space import Media
+from .participating import Media
 
 # Shapes with emitter samples that do not depend on the reference point
 FLAT = ("Rectangle", "Disk", "Mesh", "OBJMesh", "PLYMesh", "SerializedMesh")

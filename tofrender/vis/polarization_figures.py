@@ -8,7 +8,7 @@ import xarray as xr
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from ..analysis.polarization import (
+from ..analysis.degrees_of_polarization import (
     angle_of_linear_polarization,
     degree_of_circular_polarization,
     degree_of_linear_polarization,
@@ -18,9 +18,9 @@ from ..labels import IMAGE, read_array, require_whole_stokes
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style
 from ..runtime.plots import COLUMN, PictureGrid
-from .colors import from_srgb, hue_map, phase_map
+from .color_maps import from_srgb, hue_map, phase_map
 from .tone import auto_exposure, tonemap
-from .transient import map_axes, picture_aspect
+from .transient_figures import map_axes, picture_aspect
 
 MIN_DEGREE = 0.01  # Least degree of linear polarization of pixels with an angle
 

@@ -25,11 +25,11 @@ from ..paths.camera import Tile
 from ..paths.caustic_rays import CausticRays
 from ..paths.endpoints import EmitterHits, SceneLights
 from ..paths.guiding import DirectionTable, GuidedMaterials
-from ..paths.kinds import Kind
+from ..paths.path_kinds import Kind
 from ..paths.scattering import Materials
+from ..paths.sensor_window import KINDS
 from ..paths.space import Vacuum
 from ..paths.surfaces import has_lobes
-from ..paths.window import KINDS
 from .pilots import Pilots
 from .plan import Plan
 from .user_defined import Tracer

@@ -13,7 +13,7 @@ from ..motion.fmcw import Fmcw, checked_film
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
 from ..runtime.plots import color_bar, fit_height, wrap_text
-from .transient import explain_hatch, map_axes, picture_aspect, typeset
+from .transient_figures import explain_hatch, map_axes, picture_aspect, typeset
 
 DECADES = 4  # Range of the colors of light, in powers of ten
 CELLS_PER_INCH = 60  # Cells of a map, few enough that each cell covers dots of the picture

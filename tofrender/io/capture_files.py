@@ -12,7 +12,7 @@ import xarray as xr
 from ..rendering.dataset import require_finite
 from ..runtime import checks
 from ..runtime.progress import status
-from . import measured, synthetic
+from . import measured_captures, synthetic
 from .files import reading
 from .hdf5 import read_ytal
 
@@ -20,13 +20,13 @@ LAYOUTS: tuple[tuple[str, str, Callable[..., xr.Dataset]], ...] = (
     # container, variables, reader
     ("HDF5", "H", read_ytal),
     ("HDF5", "data deltaT", synthetic.read_znlos),
-    ("MATLAB", "rect_data width", measured.read_lct),
-    ("MATLAB", "meas", measured.read_fk),
-    ("MATLAB", "cells", measured.read_cells),
-    ("NPZ", "counts", measured.read_npz),
-    ("CSV", "", measured.read_csv),
-    ("PTU", "", measured.read_ptu),
-    ("SDT", "", measured.read_sdt),
+    ("MATLAB", "rect_data width", measured_captures.read_lct),
+    ("MATLAB", "meas", measured_captures.read_fk),
+    ("MATLAB", "cells", measured_captures.read_cells),
+    ("NPZ", "counts", measured_captures.read_npz),
+    ("CSV", "", measured_captures.read_csv),
+    ("PTU", "", measured_captures.read_ptu),
+    ("SDT", "", measured_captures.read_sdt),
 )
 """Formats of `load_capture`: the first one whose variables a file has is read."""
 
@@ -107,7 +107,7 @@ def _layout_of(file: Path) -> tuple[str, Callable[..., Any]]:
     if head.startswith(b"MATLAB"):
         # Version 7.3 of MATLAB files is HDF5
         held = ["MATLAB", "HDF5"]
-        names = measured.matlab_names(file)
+        names = measured_captures.matlab_names(file)
     elif h5py.is_hdf5(file):
         with h5py.File(file) as opened:
             names = set(opened)

@@ -11,7 +11,7 @@ from ..media.phases import stored_medium_point
 from ..paths.camera import behind_emitters
 from ..paths.protocols import Endpoint, HistoryUpdates, Scattering
 from ..paths.records import BSDFEval, BSDFSample, Connection, Path, Vertex
-from ..paths.window import Arrival
+from ..paths.sensor_window import Arrival
 from ..runtime.lane_memory import packed, tape
 from ..signals.polarization import sensor_frame
 from .emission import Emission, Emitted

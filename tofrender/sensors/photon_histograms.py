@@ -9,7 +9,7 @@ from scipy import ndimage
 from ..labels import COUNTS, PIXELS, bins_of, by_pixel, read, read_array
 from ..runtime import checks
 from .jitter import kernel
-from .rates import AXIS, at_least_0
+from .photon_rates import AXIS, at_least_0
 from .response import distribution
 
 BIN_DIMS = ("bin", "opl")

@@ -17,8 +17,8 @@ from ...labels import CAPTURE, EXPLORED, PATHS, TRANSIENT
 from ...runtime import checks
 from ...runtime.atomic import check_file, check_writable, replacing
 from ..ui.bundle import text_of
-from .contents import Contents, contents_of
 from .module import javascript, style
+from .page_contents import Contents, contents_of
 
 
 def report(

@@ -4,11 +4,11 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from ..explorer.contents import Contents, contents_of
 from ..explorer.module import javascript, style
+from ..explorer.page_contents import Contents, contents_of
 from ..ui import bundle
 from ..ui.page import App, failure
-from .sources import LiveRender, SavedDataset
+from .film_sources import LiveRender, SavedDataset
 
 MAX_BYTES = {SavedDataset: 24_000_000, LiveRender: 8_000_000}
 """Codes that are sent to the browser at once [bytes]. Larger cubes are reduced."""

@@ -18,7 +18,7 @@ from ..runtime import checks
 from ..runtime.settings import CHECKS
 from ..runtime.tables import boolean, checked, known_keys, read_toml, table, text
 from ..scenes.loading import find_scene
-from ..sensors.config import read_sensor
+from ..sensors.sensor_config import read_sensor
 from .randomness import Source
 from .varied import REPEATABLE, Varied, parse_varied
 

@@ -11,7 +11,7 @@ from ...rendering.cubes import Cube
 from ...runtime import checks, memory
 from ...runtime.atomic import readable
 from ...signals.color import LUMINANCE
-from ...vis.colors import phase_map
+from ...vis.color_maps import phase_map
 from .compression import Mode, Reduction, Scale, bands, reductions
 from .data import ExplorerData, explorer_data, facts, wall_of
 from .paths import path_lists
