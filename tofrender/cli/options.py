@@ -299,7 +299,7 @@ Variant = Annotated[
         show_default="cuda_ad_rgb where it works, otherwise llvm_ad_rgb",
     ),
 ]
-Workers = Annotated[int | None, setting("workers", default=None)]
+Workers = Annotated[int | None, setting("workers", default="no workers")]
 Scheduler = Annotated[str | None, setting("scheduler", default=None)]
 Format = Annotated[str, choice(FORMATS, "Files of the transient")]
 Precision = Annotated[str, choice(("half", "float"), "Precision of EXR files")]

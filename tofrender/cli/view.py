@@ -100,10 +100,10 @@ def compare(
 ) -> None:
     """Compare two pictures or films in the browser.
 
-    The page shows them on both sides of a divider or alternately, with their values, their
+    The page shows the two on both sides of a divider or alternately, with their values, their
     difference and the responses of pixels. Both films run with one clock. Pictures are .exr, .png
-    or .jpg files, and films are folders or files of `tofrender render`. A scene of the course is
-    rendered by the techniques that are chosen on the page.
+    or .jpg files, and films are folders or files of `tofrender render`. For a scene of the
+    course, you choose the techniques on the page, and the page renders the scene with them.
 
     Examples:
         tofrender compare veach

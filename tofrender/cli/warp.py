@@ -51,7 +51,7 @@ Parameters = Annotated[
     ),
 ]
 Host = Annotated[str, opt.named("ADDRESS", "Address to listen on.")]
-Port = Annotated[int | None, opt.integer(1, 65535, "Port to listen on", show_default="a free one")]
+Port = Annotated[int | None, opt.integer(1, 65535, "Port to listen on", show_default="a free port")]
 Browser = Annotated[bool, typer.Option(help="Open the page if the machine has a screen.")]
 
 
