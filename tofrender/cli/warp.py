@@ -30,7 +30,7 @@ WARPS = (
 POINT_SETS = ("independent", "grid", "stratified", "sobol")
 TEST_SAMPLES = 1_000_000
 
-Alpha = Annotated[float | None, opt.real(0, "Roughness of the warp beckmann")]
+Alpha = Annotated[float | None, opt.real(0, "Roughness of the warp beckmann, required by warp")]
 Image = Annotated[
     str | None,
     opt.named("FILE", "Image whose luminance is the density of the warp `hierarchical`."),
