@@ -59,7 +59,10 @@ def scenes_table(results: Results, who: str) -> str:
 
 def paragraph(text: str) -> str:
     """Wrap text to lines of equal length. Empty lines separate paragraphs."""
-    return "\n\n".join(textwrap.fill(" ".join(p.split()), WIDTH) for p in text.split("\n\n"))
+    return "\n\n".join(
+        textwrap.fill(" ".join(p.split()), WIDTH, break_on_hyphens=False)
+        for p in text.split("\n\n")
+    )
 
 
 def readme_block(results: Results) -> str:

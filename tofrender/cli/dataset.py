@@ -30,7 +30,12 @@ def dataset(
     ] = None,
     only: Annotated[
         Any,
-        opt.checked(numbers, "Make these records only, for example 17 or 0-99.", metavar="N,N-N"),
+        opt.checked(
+            numbers,
+            "Indices of the records to make, from 0, for example 17 or 0-99.",
+            metavar="N,N-N",
+            show_default="all records",
+        ),
     ] = None,
     plan: Annotated[
         bool, opt.switch("--plan", "Print the size of the data set without making it.")
@@ -45,8 +50,8 @@ def dataset(
     CONFIG defines the number of records, their contents, and the cameras, lights, materials and
     objects that vary. The page docs/datasets.md describes its keys. DIR is one Zarr group. It
     appears when all records are complete. With --resume the command continues a stopped or killed
-    run. A complete data set is not changed. With --only, the command makes the same records as in
-    the whole data set.
+    run. A complete data set is not changed. With --only, the command makes some of the records.
+    These records are the same as in the whole data set.
 
     Examples:
         tofrender dataset boxes.toml --plan

@@ -50,7 +50,7 @@ class Modulation:
         opt.integer(
             1,
             MAX_CYCLES,
-            "Modulation cycles that the sensor has more than the light in one exposure",
+            "Modulation cycles of the sensor in one exposure, minus the cycles of the light",
         ),
     ] = 1
     waveform: Annotated[
@@ -184,7 +184,7 @@ class Axes:
         ),
     ] = None
     bins: Annotated[
-        int | None, opt.setting("bins", default="two in the resolution of the lidar")
+        int | None, opt.setting("bins", default="two per resolution of the lidar")
     ] = None
     rates: Annotated[
         Any,
@@ -201,7 +201,7 @@ class Axes:
             2,
             checks.MAX_BINS,
             "Number of bins of the rates",
-            show_default="two in the resolution of the lidar",
+            show_default="two per resolution of the lidar",
         ),
     ] = None
 

@@ -301,7 +301,7 @@ Variant = Annotated[
         show_default="cuda_ad_rgb where it works, otherwise llvm_ad_rgb",
     ),
 ]
-Workers = Annotated[int | None, setting("workers", default=None)]
+Workers = Annotated[int | None, setting("workers", default="no workers")]
 Scheduler = Annotated[str | None, setting("scheduler", default=None)]
 FORMAT = (
     "File format of the transient (one EXR per bin, one PNG per bin, one EXR of all bins, NPZ, "

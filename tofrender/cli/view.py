@@ -105,7 +105,7 @@ def compare(
     values, their difference and the responses of pixels. With more pictures, lists on the page
     choose A and B, and the page prints the errors of all pictures against A. All films run with one
     clock. Pictures are .exr, .png or .jpg files, and films are folders or files of `tofrender
-    render`. A scene of the course is rendered by the techniques that are chosen on the page.
+    render`. For a scene of the course, you choose the techniques on the page.
 
     Examples:
         tofrender compare veach

@@ -30,7 +30,7 @@ WARPS = (
 POINT_SETS = ("independent", "grid", "stratified", "sobol")
 TEST_SAMPLES = 1_000_000
 
-Alpha = Annotated[float | None, opt.real(0, "Roughness of the warp beckmann")]
+Alpha = Annotated[float | None, opt.real(0, "Roughness of the warp beckmann, required by warp")]
 Image = Annotated[
     str | None,
     opt.named("FILE", "Image whose luminance is the density of the warp `hierarchical`."),
@@ -51,7 +51,7 @@ Parameters = Annotated[
     ),
 ]
 Host = Annotated[str, opt.named("ADDRESS", "Address to listen on.")]
-Port = Annotated[int | None, opt.integer(1, 65535, "Port to listen on", show_default="a free one")]
+Port = Annotated[int | None, opt.integer(1, 65535, "Port to listen on", show_default="a free port")]
 Browser = Annotated[bool, typer.Option(help="Open the page if the machine has a screen.")]
 
 
