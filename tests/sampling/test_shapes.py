@@ -695,7 +695,7 @@ DISK_REFUSED = "emitter on the shape 'a': must be a rectangle, a sphere, or a me
     ("part", "said"),
     [
         ({"type": "sphere"}, "emitters are missing. Add an area light$"),
-        ({"type": "point"}, "emitter 'a' has no surface; must be area"),
+        ({"type": "point"}, "emitter 'a' has no surface; must be an area"),
         (DISK, DISK_REFUSED),
     ],
 )

@@ -427,7 +427,7 @@ def _order_along(data: xr.Dataset, axis: str, kind: Kind, parameter: str) -> np.
         centers = data["opl"].values if "opl" in data.coords else np.arange(data.sizes[axis])
         return np.argsort(centers, kind="stable")
     if axis in kind.real and axis not in data.coords:
-        raise ValueError(f"{parameter}: the coordinate {axis} is missing. Add it: assign_coords")
+        raise ValueError(f"{parameter}: the coordinate {axis} is missing. Add it (assign_coords)")
     if axis not in (*RISING, *kind.real) or axis not in data.coords:
         return None
     labels = data[axis].values

@@ -345,7 +345,7 @@ def check_client(client: object) -> int:
     # Are the versions equal?
     for worker, its in found.items():
         if not isinstance(its, Exception) and its != own:
-            raise ValueError(f"client: worker {worker} has {its}; install {own} there, as here")
+            raise ValueError(f"client: worker {worker} has {its}; must have {own}, as the client")
 
     # Can all workers activate the variant?
     active = checked.run(backend.activate, mi.variant(), on_error="return")
