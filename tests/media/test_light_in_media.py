@@ -25,7 +25,7 @@ from helpers.parts import area_light, diffuse, plane, point_light, rotate, trans
 from helpers.support import agree, camera, film, load, over_seeds, rendered, scene
 
 import tofrender
-from tofrender.bidirectional.lens_connections import Camera
+from tofrender.bidirectional.lens_connections import LensEndpoint
 from tofrender.media.participating import Media
 from tofrender.media.phases import Phases
 from tofrender.paths.records import Vertex
@@ -196,7 +196,7 @@ def one_sided(self, scattered, *_):
 MISTAKES = {
     "cosine": (Vertex, "cosine", flat, BDPT, BALL, 0.01),
     "around": (Media, "medium_at", in_vacuum, LIGHT_TRACER, "lamp in fog without end", 0.01),
-    "reach": (Camera, "connect", to_the_near_plane, LIGHT_TRACER, "absorbing", 0.5),
+    "reach": (LensEndpoint, "connect", to_the_near_plane, LIGHT_TRACER, "absorbing", 0.5),
     "adjoint": (Phases, "_scattered", one_sided, LIGHT_TRACER, BALL, 0.01),
 }
 

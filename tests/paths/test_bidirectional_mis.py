@@ -26,7 +26,7 @@ from oracles.replayed_paths import LONGEST, WIDE, Paths, Products, shares, start
 
 from tofrender.bidirectional.emission import Emission
 from tofrender.bidirectional.lens import Lens
-from tofrender.bidirectional.lens_connections import Camera
+from tofrender.bidirectional.lens_connections import LensEndpoint
 from tofrender.bidirectional.light_paths import LightPaths, VertexConnection
 from tofrender.bidirectional.mis import BidirectionalMIS, PartialSums
 from tofrender.paths.records import Vertex
@@ -267,7 +267,7 @@ def cosine_to_the(power: int) -> Callable:
 
 MISTAKES: dict[str, tuple[Any, str, Callable]] = {
     "no way back to the lens": (
-        Camera,
+        LensEndpoint,
         "mis_weight",
         of_other(
             lambda p, v, connection, bsdf_eval: (
