@@ -19,7 +19,7 @@ from tofrender import sampling
 from tofrender.apps.warptest import engine, probes, subjects
 from tofrender.apps.warptest.engine import Engine
 from tofrender.apps.warptest.subjects import SUBJECTS
-from tofrender.apps.warptest.warp_sources import Library, Module, find_module
+from tofrender.apps.warptest.warp_sources import Module, PackageWarps, find_module
 from tofrender.cli.app import main
 from tofrender.course.judge import sandbox
 from tofrender.course.judge.client import NoAnswer
@@ -56,7 +56,7 @@ def test_every_warp_of_the_package_is_there():
 
 @pytest.mark.parametrize("name", list(SUBJECTS))
 def test_every_subject_is_drawn(name):
-    case = Library().case(name, SUBJECTS[name].values({}))
+    case = PackageWarps().case(name, SUBJECTS[name].values({}))
     drawn = engine.draw(case, "stratified", 64, 0)
     assert drawn.points.shape == (SUBJECTS[name].dimensions, 64)
     assert np.isfinite(drawn.lines).mean() > 0.95
@@ -66,7 +66,7 @@ def test_every_subject_is_drawn(name):
 @pytest.mark.parametrize("name", ["quad_light", "sphere_light", "two_lights"])
 @pytest.mark.parametrize("distance", [0.6, 5.0])
 def test_lights_near_and_far(name, distance):
-    assert Library().case(name, {"distance": distance}).test(**SMALL).passed
+    assert PackageWarps().case(name, {"distance": distance}).test(**SMALL).passed
 
 
 def test_values():
@@ -104,11 +104,11 @@ def test_names_of_a_module(theirs):
 
 def test_a_right_module_passes_with_the_librarys_numbers(theirs):
     verdict = theirs.case("tent", {}).test(**SMALL)
-    library = Library().case("tent", {}).test(**SMALL)
+    library = PackageWarps().case("tent", {}).test(**SMALL)
     assert verdict.passed
     assert verdict.name == "tent of tent.py"
     assert verdict.p_value == pytest.approx(library.p_value, abs=1e-3)
-    ours = draw(Library(), "tent", 16).points
+    ours = draw(PackageWarps(), "tent", 16).points
     assert draw(theirs, "tent", 16).points == pytest.approx(ours, abs=1e-6)
 
 
@@ -213,8 +213,8 @@ def edition(monkeypatch):
 
 @pytest.mark.usefixtures("edition")
 def test_in_a_student_edition_the_students_own_file_stands_in(tmp_path, monkeypatch):
-    assert Library().names() == ["no_op"]
-    refused(r"yours to write: problem a1\.tent", Library().case, "tent", {}, kind=LeftOut)
+    assert PackageWarps().names() == ["no_op"]
+    refused(r"yours to write: problem a1\.tent", PackageWarps().case, "tent", {}, kind=LeftOut)
     monkeypatch.chdir(write_warps(tmp_path / "a"))
     with closing(Engine()) as it:
         assert [*it.sources] == ["library", "module"]
@@ -226,7 +226,7 @@ def test_in_a_student_edition_the_students_own_file_stands_in(tmp_path, monkeypa
 
 
 def test_figures():
-    case = Library().case("tent", {})
+    case = PackageWarps().case("tent", {})
     verdict, drawn = case.test(**SMALL), engine.draw(case, "grid", 64, 0)
     svg = engine.panels(verdict)
     assert svg.startswith('<svg role="img" aria-label="Observed density')

@@ -9,7 +9,7 @@ from helpers.processes import GUARD_S, says
 
 from tofrender.course import rubric
 from tofrender.course.judge import forbidden, running, sandbox, system_calls
-from tofrender.course.judge.client import Limits, Worker
+from tofrender.course.judge.client import SubmissionLimits, Worker
 
 confines = pytest.mark.skipif(
     sandbox.landlock_version() < 6 or not system_calls.available(),
@@ -250,7 +250,7 @@ def test_sandbox_hides_all_that_brings_features_back(confined, tmp_path):
     (staff / "rubric.toml").write_text(text.replace('title = "Sums"\n', words, 1))
     files = {"p0.py": submission_that_tries(HIDDEN_WAYS)}
     student = tiny_assignment.write(tmp_path / "student", files)
-    worker = Worker(staff, student, limits=Limits(confine=confined), forbids=["sampling"])
+    worker = Worker(staff, student, limits=SubmissionLimits(confine=confined), forbids=["sampling"])
     with closing(worker) as asked:
         found = asked.ask("call", {"name": "add0", "a": 2, "b": 3}, GUARD_S)
     if confined:

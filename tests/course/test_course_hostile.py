@@ -29,7 +29,7 @@ from tofrender.cli import main
 from tofrender.course.assignments import find
 from tofrender.course.grade import grading
 from tofrender.course.judge import processes, sandbox, system_calls, wire
-from tofrender.course.judge.client import MAX_REASON, Limits, NoAnswer, Worker
+from tofrender.course.judge.client import MAX_REASON, NoAnswer, SubmissionLimits, Worker
 from tofrender.course.judge.running import read_report
 
 if sandbox.landlock_version() < 6 or not system_calls.available():
@@ -187,7 +187,7 @@ REPLIES = {
 @pytest.mark.parametrize("name", LONG)
 def test_texts_of_any_length_are_cut_before_they_are_sent(name, tmp_path):
     submission = write_submission(tmp_path / "bad", LONG[name])
-    worker = Worker(write(tmp_path / "a0").folder, submission, limits=Limits(2**30))
+    worker = Worker(write(tmp_path / "a0").folder, submission, limits=SubmissionLimits(2**30))
     with closing(worker) as asked, pytest.raises(NoAnswer) as error:
         asked.ask("density", {"width_opl": 0.1, "t": np.zeros(1)}, GUARD_S)
     assert len(str(error.value)) < 5000

@@ -19,7 +19,7 @@ from helpers.support import refused
 
 from tofrender.course import rubric
 from tofrender.course.judge import expect, processes, running, speed, wire, worker
-from tofrender.course.judge.client import Limits, NoAnswer, Worker
+from tofrender.course.judge.client import NoAnswer, SubmissionLimits, Worker
 from tofrender.course.judge.factors import Ratio
 
 
@@ -134,7 +134,9 @@ DEATHS = {
 @pytest.mark.parametrize("code", DEATHS)
 def test_whatever_a_submission_does_the_next_answer_is_right(code, assignment, tmp_path):
     submission = write_submission(tmp_path / "bad", code)
-    with closing(Worker(assignment, submission, limits=Limits(memory_bytes=2**29))) as limited:
+    with closing(
+        Worker(assignment, submission, limits=SubmissionLimits(memory_bytes=2**29))
+    ) as limited:
         limit_s = 3 if "within 3 s" in DEATHS[code] else GUARD_S
         with pytest.raises(NoAnswer, match=DEATHS[code]):
             limited.ask("density", {"width_opl": 0.1, "t": np.zeros(1)}, limit_s)

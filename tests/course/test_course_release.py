@@ -608,10 +608,10 @@ def test_copied_solutions_are_leaks(tmp_path):
 
 def test_a_stub_whose_test_is_skipped_is_told(tiny, tmp_path, monkeypatch):
     tests = tiny.rubric.problem_by_test
-    skipped = {name: running.Outcome("skipped") for name in tests}
+    skipped = {name: running.TestOutcome("skipped") for name in tests}
     monkeypatch.setattr(running, "run", lambda *_, **__: skipped)
     work = verify._Checks(tiny, tmp_path, 1, (), None, print)
     vars(work)["_edition"] = tmp_path
-    check = verify.Check("starter")
+    check = verify.CourseCheck("starter")
     work.starter(check)
     assert len(check.reasons) == len(tests)

@@ -28,7 +28,7 @@ from ..runtime.backend import tracing_lock
 from ..signals.polarization import intensity
 from .emission import Emission
 from .lens import Lens
-from .lens_connections import Camera, LightPathHistory
+from .lens_connections import LensEndpoint, LightPathHistory
 from .mis import BidirectionalMIS
 
 PILOT = 1 << 16  # photons of the pilot
@@ -219,7 +219,7 @@ class CausticPhotons:
         return walk(sampler, path, later, measurement)
 
 
-class _LaterVertices(Camera):
+class _LaterVertices(LensEndpoint):
     """The lens, for all vertices of a photon but the first one."""
 
     def connect(

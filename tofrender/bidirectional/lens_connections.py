@@ -211,7 +211,7 @@ class LensConnection(Connection):
     lens_sample: Arrival = field(kw_only=True)
 
 
-class Camera(Endpoint):
+class LensEndpoint(Endpoint):
     """Endpoint with the lens, for light paths: all strategies with t = 1.
 
     The weight of a connection is the camera's importance over the density of the lens point, times

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ..course.assignments import find
-from ..course.judge.running import Outcome, points_of
+from ..course.judge.running import TestOutcome, points_of
 from ..course.material import points_text
 from ..course.rubric import Rubric
 from ..runtime.checks import printable
@@ -157,7 +157,7 @@ def submit(
     say(f"{handed.archive}: {', '.join(handed.files)}")
 
 
-def _table(rubric: Rubric, outcomes: dict[str, Outcome]) -> None:
+def _table(rubric: Rubric, outcomes: dict[str, TestOutcome]) -> None:
     """Print the points of each problem, and the failed tests."""
     reached = points_of(rubric, outcomes)
     width = max(len(problem.title) for problem in rubric.problems)

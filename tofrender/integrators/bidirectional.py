@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from ..bidirectional.emission import Emission, Emitted
 from ..bidirectional.lens import Lens
-from ..bidirectional.lens_connections import Camera, LightPathHistory
+from ..bidirectional.lens_connections import LensEndpoint, LightPathHistory
 from ..bidirectional.light_paths import LightPaths
 from ..bidirectional.mis import BidirectionalMIS
 from ..films.contribution import Contribution
@@ -167,7 +167,7 @@ class BidirectionalPlan(Plan):
             in_media=self.space.scatters,
             moves=self.motion is not None,
         )
-        camera = Camera(
+        camera = LensEndpoint(
             scene=self.scene,
             lens=self.lens,
             emitted=emitted,

@@ -29,7 +29,7 @@ TWIN = "twin.json"
 VOLUME = "volume.npz"
 
 
-class Contents(NamedTuple):
+class CommandFiles(NamedTuple):
     """Files of a command, as regular expressions of their names.
 
     A folder is an output of the command if it contains only listed files, and if at least one of
@@ -51,21 +51,21 @@ def _plain(*names: str) -> tuple[str, ...]:
 _FRAME = r"frame_\d{4,}"
 
 COMMANDS = {
-    "render": Contents(
+    "render": CommandFiles(
         (rf"{_FRAME}\.(exr|png)", r"steady\.(exr|png)", *_plain(*filter(None, FORMATS.values()))),
         (r"video\.(mp4|gif)", _figure("summary"), _figure("polarization")),
     ),
-    "render --frames": Contents(_plain(FRAMES_LIST), (_FRAME, *_plain(FRAMES_STEADY, VIDEO))),
-    "phasor": Contents((r"phasor_[\w.+-]+\.exr",), (_figure("panel"),)),
-    "gate": Contents(_plain(GATE), (_figure("picture"),)),
-    "doppler": Contents(_plain(DOPPLER, DOPPLER_LAYERS), (_figure("velocity"),)),
-    "fmcw": Contents(
+    "render --frames": CommandFiles(_plain(FRAMES_LIST), (_FRAME, *_plain(FRAMES_STEADY, VIDEO))),
+    "phasor": CommandFiles((r"phasor_[\w.+-]+\.exr",), (_figure("panel"),)),
+    "gate": CommandFiles(_plain(GATE), (_figure("picture"),)),
+    "doppler": CommandFiles(_plain(DOPPLER, DOPPLER_LAYERS), (_figure("velocity"),)),
+    "fmcw": CommandFiles(
         _plain(RANGE_RATE, SPECTRA, ESTIMATES),
         (_figure("range_velocity"), _figure("velocity")),
     ),
-    "sense": Contents(_plain(SENSED), (_figure("summary"),)),
-    "twin": Contents(_plain(TWIN), (_figure(r"\w+_(histograms|residuals)"),)),
-    "reconstruct": Contents(
+    "sense": CommandFiles(_plain(SENSED), (_figure("summary"),)),
+    "twin": CommandFiles(_plain(TWIN), (_figure(r"\w+_(histograms|residuals)"),)),
+    "reconstruct": CommandFiles(
         (r"brightness\.exr", r"depth\.exr"), (*_plain(VOLUME), _figure("volume"))
     ),
 }

@@ -46,7 +46,7 @@ def along_bins(name: str, function: Any, values: Any) -> Any:
     return found.transpose(*values.dims)
 
 
-class Histogram:
+class PhotonHistogram:
     """Counts of pixels in bins of a known place.
 
     Attributes:
@@ -157,7 +157,7 @@ class _Centered:
         return self.whole.ppf(part) - self.by
 
 
-class Returns(Histogram):
+class Returns(PhotonHistogram):
     """Histogram in which returns have a known response.
 
     Attributes:

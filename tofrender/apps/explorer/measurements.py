@@ -20,7 +20,7 @@ LABELS = {
 """Labels of the time axes of measurements. An empty label means the label of a film."""
 
 
-class Measured(NamedTuple):
+class MeasuredFilm(NamedTuple):
     """A measurement as a film of one channel."""
 
     film: xr.Dataset
@@ -34,7 +34,7 @@ def is_film(data: xr.Dataset) -> bool:
     return "counts" in data or "images" in data
 
 
-def film_of(data: xr.Dataset) -> Measured:
+def film_of(data: xr.Dataset) -> MeasuredFilm:
     """Convert photon counts of a SPAD, or images of a gated or a streak camera, to a film.
 
     Images of overlapping gates are densities. If bins are joined, densities are averaged, and
@@ -70,7 +70,7 @@ def film_of(data: xr.Dataset) -> Measured:
             light = (("y", "x", "opl", "channel"), values[..., None])
             films[variable] = xr.Dataset({"transient": light}, coords, attrs)
     quantity = "counts" if name == "counts" else f"images [{data.attrs.get('units', 'electrons')}]"
-    return Measured(films[name], films.get("expected"), quantity, LABELS[axis])
+    return MeasuredFilm(films[name], films.get("expected"), quantity, LABELS[axis])
 
 
 def phasors_of(data: xr.Dataset) -> xr.Dataset:

@@ -25,7 +25,7 @@ ALIGNMENT = 8  # Alignment of arrays in the bytes
 
 
 @dataclass
-class Contents:
+class PageContents:
     """Contents of an explorer page: a header for JSON, and one block of bytes with all arrays.
 
     `header["parts"]` contains the type, length and position of each array in the bytes.
@@ -77,7 +77,7 @@ def contents_of(
     paths: Any = None,
     most_bytes: int | None = None,
     packed: bool = False,
-) -> Contents:
+) -> PageContents:
     """Make the contents of an explorer of at most `most_bytes`, after compression if `packed`.
 
     `explore` describes the other arguments and the errors.
@@ -160,10 +160,12 @@ def contents_of(
         arrays.add(f"map {name}", np.rint(255 * colors(np.arange(256) / 255)[:, :3]), "u1")
     header["notes"] = [*_notes(header, found, by, is_fine), *found.notes]
     header["parts"] = arrays.parts
-    return Contents(header, b"".join(arrays.pieces))
+    return PageContents(header, b"".join(arrays.pieces))
 
 
-def _with_capture(volume: Any, capture: Any, most_bytes: int | None, **options: Any) -> Contents:
+def _with_capture(
+    volume: Any, capture: Any, most_bytes: int | None, **options: Any
+) -> PageContents:
     """Return the contents of a capture, which include the contents of its volume."""
     # Compute both
     title = options["title"]
@@ -185,7 +187,7 @@ def _with_capture(volume: Any, capture: Any, most_bytes: int | None, **options: 
             part["offset"] += ahead
         ahead += len(each.data)
     parts = arrays.parts | whole.header["parts"]
-    return Contents(whole.header | {"parts": parts, "volume": below.header}, b"".join(pieces))
+    return PageContents(whole.header | {"parts": parts, "volume": below.header}, b"".join(pieces))
 
 
 def _middles(values: np.ndarray, size: int) -> np.ndarray:

@@ -18,7 +18,7 @@ from ...runtime import checks
 from ...runtime.atomic import check_file, check_writable, replacing
 from ..ui.bundle import text_of
 from .module import javascript, style
-from .page_contents import Contents, contents_of
+from .page_contents import PageContents, contents_of
 
 
 def report(
@@ -87,7 +87,7 @@ def report(
     return target
 
 
-def page_of(contents: Contents) -> str:
+def page_of(contents: PageContents) -> str:
     """Return the page as text. The page contains data as text or JSON, never as markup."""
     # Allow only the page's own script and style
     script = javascript() + text_of("explorer/page.js")

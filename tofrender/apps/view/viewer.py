@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ..explorer.module import javascript, style
-from ..explorer.page_contents import Contents, contents_of
+from ..explorer.page_contents import PageContents, contents_of
 from ..ui import bundle
 from ..ui.page import App, failure
 from .film_sources import LiveRender, SavedDataset
@@ -63,7 +63,7 @@ class Viewer(App):
         max_bytes = MAX_BYTES[type(self.source)]
         title = str(data.attrs.get("scene") or name)
 
-        def work() -> Contents:
+        def work() -> PageContents:
             part = data.isel(region) if region else data
             return contents_of(part, title=title, most_bytes=max_bytes)
 

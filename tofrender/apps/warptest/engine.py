@@ -25,7 +25,7 @@ from ...sampling.domains import find, to_numpy
 from ...sampling.verdicts import Verdict, density_panels
 from ...vis.warp_figures import warp_figure
 from .subjects import SUBJECTS
-from .warp_sources import Library, Module, find_module, is_left_out
+from .warp_sources import Module, PackageWarps, find_module, is_left_out
 
 LIBRARY = "library"
 MODULE = "module"
@@ -138,7 +138,7 @@ class Engine:
         self.module = None if module is None else Module(module)
         if module is None and any(map(is_left_out, SUBJECTS.values())):
             self.module = find_module(Path.cwd())
-        self.sources: dict[str, Library | Module] = {LIBRARY: Library()}
+        self.sources: dict[str, PackageWarps | Module] = {LIBRARY: PackageWarps()}
         if self.module is not None:
             self.sources[MODULE] = self.module
         self.executor = ThreadPoolExecutor(1, initializer=backend.activate, initargs=(variant,))

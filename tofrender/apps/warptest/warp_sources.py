@@ -13,7 +13,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from ...course.judge.client import Limits, NoAnswer, Worker
+from ...course.judge.client import NoAnswer, SubmissionLimits, Worker
 from ...runtime import checks
 from ...runtime.editions import LeftOut
 from ...sampling.chi_square import Case
@@ -27,7 +27,7 @@ MAX_SOURCE = 1 << 20  # Largest file that is searched for names [bytes]
 _DEFINITION = re.compile(r"^(?:def|class)\s+([A-Za-z_]\w*)", re.MULTILINE)
 
 
-class Library:
+class PackageWarps:
     """The warps of this package."""
 
     def names(self) -> list[str]:
@@ -170,7 +170,9 @@ class Module:
 
     def _ask(self, probe: str, arguments: dict[str, Any]) -> Any:
         if self._worker is None:
-            self._worker = Worker(self._assignment(), self.folder, limits=Limits(MEMORY, True))
+            self._worker = Worker(
+                self._assignment(), self.folder, limits=SubmissionLimits(MEMORY, True)
+            )
         try:
             return self._worker.ask(probe, arguments, ANSWER_S)
         except NoAnswer as error:

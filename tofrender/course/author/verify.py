@@ -39,7 +39,7 @@ CRASHES = ("the process crashed", "ended itself", "no answer within", "used more
 
 
 @dataclass
-class Check:
+class CourseCheck:
     """Result of a check."""
 
     name: str  # one of `CHECKS`
@@ -60,7 +60,7 @@ def verify(
     only: Collection[str] = (),
     wrong: int | None = None,
     say: Callable[[str], None] = lambda text: None,
-) -> Iterator[Check]:
+) -> Iterator[CourseCheck]:
     """Run the checks of an assignment, and yield each result when it is available.
 
     Args:
@@ -91,7 +91,7 @@ def verify(
         for name in CHECKS:
             if name in chosen or not chosen:
                 say(name)
-                check = Check(name)
+                check = CourseCheck(name)
                 begin = time.monotonic()
                 try:
                     getattr(work, name)(check)
@@ -134,13 +134,15 @@ class _Checks:
             shutil.copy(self.assignment.starter / file, self.folder / name)
         return self.folder / name
 
-    def _run(self, submission: Path, **options: Any) -> dict[str, running.Outcome]:
+    def _run(self, submission: Path, **options: Any) -> dict[str, running.TestOutcome]:
         """Run the assignment's tests on a submission that imports the student edition."""
         folder = self.assignment.folder
         return running.run(folder, submission=submission, edition=self._edition, **options)
 
     @staticmethod
-    def _not_passed(tests: Iterable[str], outcomes: dict[str, running.Outcome]) -> Iterator[str]:
+    def _not_passed(
+        tests: Iterable[str], outcomes: dict[str, running.TestOutcome]
+    ) -> Iterator[str]:
         """Yield a message for each test that did not pass."""
         for name in tests:
             outcome = outcomes.get(name)
@@ -151,7 +153,7 @@ class _Checks:
                 text = _one_line("".join(outcome.texts[:1]))
                 yield f"{name}: {outcome.outcome}{several * (outcome.cases > 1)}: {text}"
 
-    def structure(self, check: Check) -> None:
+    def structure(self, check: CourseCheck) -> None:
         """Check that the parts of the assignment agree, see `structure.check`."""
         check.reasons += structure.check(self.assignment)
         rubric = self.assignment.rubric
@@ -162,7 +164,7 @@ class _Checks:
             + f" + {points_text(bonus)}" * (bonus > 0)
         )
 
-    def edition(self, check: Check) -> None:
+    def edition(self, check: CourseCheck) -> None:
         """Check that the edition contains no solution and works, and that students can start."""
         # Contents of the edition
         folder = self._edition
@@ -181,7 +183,7 @@ class _Checks:
             for name in sorted(released ^ public)
         ]
 
-    def starter(self, check: Check) -> None:
+    def starter(self, check: CourseCheck) -> None:
         """Check that the stubs fail every test because they are not written, without a crash."""
         outcomes = self._run(self.assignment.starter)
         for name, problem in self.assignment.rubric.problem_by_test.items():
@@ -196,7 +198,7 @@ class _Checks:
                     check.reasons.append(f"{name}: {_one_line(text)}")
         check.detail = f"{len(outcomes)} tests fail"
 
-    def reference(self, check: Check) -> None:
+    def reference(self, check: CourseCheck) -> None:
         """Check that the package itself gets all points."""
         # Tests of files that the notebook writes are skipped for the package
         outcomes = running.run(self.assignment.folder)
@@ -214,7 +216,7 @@ class _Checks:
         check.reasons += self._not_passed(self.assignment.rubric.problem_by_test, outcomes)
         check.detail = f"{len(outcomes)} tests, {len(files)} of which judge the notebook's results"
 
-    def solutions(self, check: Check) -> None:
+    def solutions(self, check: CourseCheck) -> None:
         """Check that the solutions get all points, with every seed."""
         # All tests
         solved = self._solved
@@ -231,16 +233,16 @@ class _Checks:
             check.reasons += self._not_passed(noisy, again)
             check.detail += f", {len(noisy)} of which ran with {self.seeds} seeds"
 
-    def _repeat(self, tests: list[str], solved: Path) -> dict[str, running.Outcome]:
+    def _repeat(self, tests: list[str], solved: Path) -> dict[str, running.TestOutcome]:
         """Run tests with many seeds, in one process per core."""
         parts = [part for k in range(cores()) if (part := tests[k :: cores()])]
-        found: dict[str, running.Outcome] = {}
+        found: dict[str, running.TestOutcome] = {}
         with ThreadPoolExecutor(len(parts)) as pool:
             for run in [pool.submit(self._run, solved, tests=p, seeds=self.seeds) for p in parts]:
                 found |= run.result()
         return found
 
-    def _faults_of_tests(self, outcomes: dict[str, running.Outcome]) -> Iterator[str]:
+    def _faults_of_tests(self, outcomes: dict[str, running.TestOutcome]) -> Iterator[str]:
         """Check the problems that tests use, their duration, and that they draw random numbers."""
         rubric = self.assignment.rubric
         for problem in rubric.problems:
@@ -265,7 +267,7 @@ class _Checks:
             if problem.file and not drawn:
                 yield f"{problem.id}: needs a test in {STAFF_TEST} with random inputs"
 
-    def mutants(self, check: Check) -> None:
+    def mutants(self, check: CourseCheck) -> None:
         """Check that each wrong solution fails exactly its tests."""
         # Choose mutants by id, or evenly spread
         every = mutants.read(self.assignment)

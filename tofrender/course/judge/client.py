@@ -35,7 +35,7 @@ class NoAnswer(AssertionError):
 
 
 @dataclass(frozen=True)
-class Limits:
+class SubmissionLimits:
     """Limits of a submission."""
 
     memory_bytes: int | None = (
@@ -63,13 +63,13 @@ class Worker:
         assignment: Path,
         submission: Path | None,
         edition: Path | None = None,
-        limits: Limits | None = None,
+        limits: SubmissionLimits | None = None,
         forbids: Collection[str] = (),
     ) -> None:
         self._assignment = assignment
         self._submission = submission
         self._edition = edition
-        self._limits = limits or Limits()
+        self._limits = limits or SubmissionLimits()
         self._forbids = forbids
         self._scratch = _unlisted_folder(None)
         self._folder = self._scratch / "none yet"  # folder of the current process

@@ -17,7 +17,7 @@ import pytest
 from .. import rubric
 from ..assignments import Assignment
 from . import expect, inputs, wire
-from .client import Limits, NoAnswer, Worker, shortened
+from .client import NoAnswer, SubmissionLimits, Worker, shortened
 from .processes import MACHINE_FAILED, MachineFailure
 from .speed import slowness
 
@@ -202,7 +202,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
     # Prepare the workers
     memory = config.getoption("--memory-gib")
-    limits = Limits(
+    limits = SubmissionLimits(
         memory_bytes=memory and int(memory * 2**30),
         confine=bool(config.getoption("--confine")),
         uid=config.getoption("--uid"),

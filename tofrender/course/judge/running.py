@@ -29,7 +29,7 @@ REPORTED = {"id", "case", "outcome", "text", "share", "seconds"}  # required key
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TestOutcome:
     """Outcome of a test, over all its cases and seeds."""
 
     outcome: str  # "passed", "failed", or "skipped" if all cases were skipped
@@ -49,7 +49,7 @@ def run(
     edition: Path | None = None,
     seeds: int = 1,
     pytest_options: Sequence[str] = (),
-) -> dict[str, Outcome]:
+) -> dict[str, TestOutcome]:
     """Run tests of an assignment.
 
     Args:
@@ -101,7 +101,7 @@ def read_report(path: Path) -> list[dict[str, Any]]:
     return [line for line in lines if isinstance(line, dict) and line.keys() >= REPORTED]
 
 
-def outcomes_of(lines: Iterable[dict[str, Any]]) -> dict[str, Outcome]:
+def outcomes_of(lines: Iterable[dict[str, Any]]) -> dict[str, TestOutcome]:
     """Combine the cases of each test to its outcome. A test fails if one of its cases fails."""
     cases: dict[str, list[dict]] = {}
     for line in lines:
@@ -109,11 +109,11 @@ def outcomes_of(lines: Iterable[dict[str, Any]]) -> dict[str, Outcome]:
     return {name: _outcome_of(lines) for name, lines in cases.items()}
 
 
-def _outcome_of(cases: list[dict]) -> Outcome:
+def _outcome_of(cases: list[dict]) -> TestOutcome:
     """Combine the cases of one test."""
     outcomes = [case["outcome"] for case in cases]
     outcome = next((o for o in ("failed", "passed") if o in outcomes), "skipped")
-    return Outcome(
+    return TestOutcome(
         outcome=outcome,
         texts=tuple(case["text"] for case in cases if case["outcome"] == "failed"),
         fraction=min(case["share"] for case in cases),
@@ -124,12 +124,12 @@ def _outcome_of(cases: list[dict]) -> Outcome:
     )
 
 
-def points_of(rubric: Rubric, outcomes: dict[str, Outcome]) -> dict[str, float]:
+def points_of(rubric: Rubric, outcomes: dict[str, TestOutcome]) -> dict[str, float]:
     """Return the points of each problem, by its id.
 
     A test that passed gives all its points, a failed test the fraction in its outcome.
     """
-    none = Outcome("skipped")
+    none = TestOutcome("skipped")
     return {
         problem.id: math.fsum(t.points * outcomes.get(t.id, none).fraction for t in problem.tests)
         for problem in rubric.problems

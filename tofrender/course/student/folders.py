@@ -59,7 +59,7 @@ def _write(assignment: Assignment, folder: Path) -> None:
 
 
 @dataclass(frozen=True)
-class Packed:
+class PackedSubmission:
     """A submission that was packed into an archive."""
 
     archive: Path
@@ -126,12 +126,12 @@ def unchanged(assignment: Assignment, folder: Path) -> list[str]:
     return [path.name for path in there if (folder / path.name).read_bytes() == path.read_bytes()]
 
 
-def run_public_tests(assignment: Assignment, folder: Path) -> dict[str, running.Outcome]:
+def run_public_tests(assignment: Assignment, folder: Path) -> dict[str, running.TestOutcome]:
     """Run the public tests of the assignment, not those in the folder, on a student's folder."""
     return running.run(assignment.folder, tests=assignment.rubric.public_tests, submission=folder)
 
 
-def pack(assignment: Assignment, folder: Path, archive: Path) -> Packed:
+def pack(assignment: Assignment, folder: Path, archive: Path) -> PackedSubmission:
     """Write the archive to hand in. If this fails, no partial archive is left.
 
     Raises:
@@ -141,7 +141,7 @@ def pack(assignment: Assignment, folder: Path, archive: Path) -> Packed:
     with replacing(archive) as temporary, zipfile.ZipFile(temporary, "x") as target:
         for name, path in files.items():
             add_file(target, name, path.read_bytes())
-    return Packed(
+    return PackedSubmission(
         archive=archive,
         files=tuple(files),
         missing=tuple(missing),

@@ -59,7 +59,7 @@ DRAWS = 64
 
 
 @dataclass
-class Lobes:
+class LobeSequence:
     """Sequence of delta lobes."""
 
     # Number of lobes
@@ -198,7 +198,7 @@ class SpecularConnections:
         most: mi.UInt32,
         seeds: list[mi.UInt32],
         active: mi.Bool,
-    ) -> tuple[mi.Vector3f, Lobes, mi.UInt32]:
+    ) -> tuple[mi.Vector3f, LobeSequence, mi.UInt32]:
         """Sample a chain to a point, and count the trials until it is found again.
 
         Args:
@@ -222,7 +222,7 @@ class SpecularConnections:
 
         # Direction and lobes of the first trial
         found = mi.Vector3f(0, 0, 1)
-        lobes = Lobes(mi.UInt32(0), mi.UInt64(0))
+        lobes = LobeSequence(mi.UInt32(0), mi.UInt64(0))
 
         # Lanes that continue
         searching = mi.Bool(active)
@@ -252,7 +252,7 @@ class SpecularConnections:
         seeds: list[mi.UInt32],
         trial: mi.UInt32,
         active: mi.Bool,
-    ) -> tuple[mi.Vector3f, Lobes, mi.Bool]:
+    ) -> tuple[mi.Vector3f, LobeSequence, mi.Bool]:
         """Try to find a chain to a point.
 
         Args:
@@ -325,7 +325,7 @@ class SpecularConnections:
         number: mi.UInt32,
         seed: mi.UInt32,
         active: mi.Bool,
-    ) -> Lobes:
+    ) -> LobeSequence:
         """Follow random delta lobes up to a surface with smooth lobes.
 
         Args:
@@ -337,7 +337,7 @@ class SpecularConnections:
             active: Active lanes.
         """
         # Sequence of lobes, next ray, and lanes that continue
-        lobes = Lobes(mi.UInt32(0), mi.UInt64(0))
+        lobes = LobeSequence(mi.UInt32(0), mi.UInt64(0))
         ray = spawn_ray(vertex.si, d, mi.Bool(True))
         following = mi.Bool(active)
         while following:
@@ -362,7 +362,7 @@ class SpecularConnections:
 
     @dr.syntax
     def _follow(
-        self, vertex: Vertex, d: mi.Vector3f, lobes: Lobes, p: mi.Point3f, active: mi.Bool
+        self, vertex: Vertex, d: mi.Vector3f, lobes: LobeSequence, p: mi.Point3f, active: mi.Bool
     ) -> Chain:
         """Follow a sequence of lobes, and find where the ray passes a point.
 
@@ -466,7 +466,7 @@ class SpecularConnections:
         vertex: Vertex,
         path: Path,
         d: mi.Vector3f,
-        lobes: Lobes,
+        lobes: LobeSequence,
         p: mi.Point3f,
         sampler: mi.Sampler,
         active: mi.Bool,
