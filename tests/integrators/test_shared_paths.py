@@ -26,6 +26,7 @@ SPP = 64
 def _in_small_films(monkeypatch):
     """Share paths in films that are too small for sharing to be faster."""
     monkeypatch.setattr(passes, "FEW_SHARED_PATHS", 0)
+    monkeypatch.setattr(passes, "FEW_SHARED_PIXELS", 0)
 
 
 def box(build=cornell_box, **integrator) -> dict:
@@ -192,22 +193,23 @@ def test_denoised_renders_do_not_share(monkeypatch):
     tofrender.render(load(box()), spp=8, denoise=True, progress=False)
 
 
-def test_few_paths_are_not_shared(monkeypatch):
-    monkeypatch.setattr(passes, "FEW_SHARED_PATHS", 7 * 5 * 16 + 1)
+@pytest.mark.parametrize(("name", "bound"), [("PATHS", 7 * 5 * 16 + 1), ("PIXELS", 7 * 5 + 1)])
+def test_small_films_are_not_shared(name, bound, monkeypatch):
+    monkeypatch.setattr(passes, f"FEW_SHARED_{name}", bound)
     monkeypatch.setattr(passes._SharedPass, "_step", lambda *_: pytest.fail("shares paths"))
     rendered(box(), 16)
 
 
-def cubes(described: dict, seeds=range(12)) -> np.ndarray:
-    loaded = load(described)
-    return np.array([rendered(loaded, SPP, seed)[1] for seed in seeds], float)
-
-
 @pytest.mark.statistical
 def test_less_noise_per_bin():
-    shared = cubes(box()).var(axis=0, ddof=1).mean()
-    alone = cubes(box(shared_paths=False)).var(axis=0, ddof=1).mean()
-    assert shared < 0.8 * alone
+    size = {"width": 40, "height": 30, "temporal_bins": 60, "bin_width_opl": 0.1}
+
+    def variance(**integrator) -> float:
+        loaded = load(with_integrator(cornell_box(**size), **integrator))
+        cubes = [rendered(loaded, SPP, seed)[1][10:] for seed in range(6)]
+        return float(np.var(np.array(cubes, float), axis=0, ddof=1).mean())
+
+    assert variance() < 0.8 * variance(shared_paths=False)
 
 
 @pytest.mark.statistical

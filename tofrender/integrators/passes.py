@@ -54,6 +54,10 @@ FEW_PATHS = 1 << 15
 # slower than the paths
 FEW_SHARED_PATHS = 1 << 18
 
+# Number of pixels of a film below which paths are not shared, because neighboring pixels see points
+# that are far from each other
+FEW_SHARED_PIXELS = 1 << 10
+
 PHOTON_RATE = 0.5  # Photons per sample of a pixel; photons are much less noisy than paths
 LEAST_PHOTONS = 256  # Smallest number of photons for one sample of all pixels
 PHOTON_SEED = 0xF070
@@ -224,7 +228,8 @@ def steps(
                 tracer = rays.remaining_plan
 
         # Neighboring pixels share paths, unless a kernel for them takes longer than the paths
-        if paths >= FEW_SHARED_PATHS and _loops(sampler):
+        enough = paths >= FEW_SHARED_PATHS and whole_width * whole_height >= FEW_SHARED_PIXELS
+        if enough and _loops(sampler):
             shared = SharedPaths.of(tracer, sensor, record, tile)
             if shared is not None:
                 tracer = shared.remaining_plan
