@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 
+import mitsuba as mi
 import numpy as np
 import pytest
-from helpers.parts import area_light, diffuse
+from helpers.parts import area_light, diffuse, rotate
 from helpers.support import agree, load, over_seeds, rendered, with_film, with_integrator
 
 import tofrender
@@ -45,7 +46,18 @@ def two_lamps() -> dict:
     return described | {"lamp": lamp, "sky": sky}
 
 
-SCENES = {"box": box, "flash": lambda: box(cornell_box_flash), "two lamps": two_lamps}
+def two_rooms() -> dict:
+    """A box with a wall between its halves, so that pixels of a tile do not see each other."""
+    wall = {"type": "rectangle", "to_world": rotate((0, 1, 0), 90)}
+    return box(max_depth=4) | {"wall": wall | {"bsdf": {"type": "twosided", "of": diffuse(0.8)}}}
+
+
+SCENES = {
+    "box": box,
+    "two rooms": two_rooms,
+    "flash": lambda: box(cornell_box_flash),
+    "two lamps": two_lamps,
+}
 
 
 def seen(described: dict, seeds, spp: int = SPP) -> np.ndarray:
@@ -79,6 +91,22 @@ def test_the_same_light(name):
     described = SCENES[name]()
     assert technique(described) is not None
     assert agree(seen(described, SEEDS), apart(described, OTHER_SEEDS), rounding=1e-4)
+
+
+@pytest.mark.parametrize(("x", "sees"), [(0.5, True), (-0.5, False)])
+def test_a_density_contains_the_visibility(x, sees):
+    """A point of the floor sees a point of the right wall only without the inner wall between."""
+    found = technique(two_rooms())
+    direction = mi.Vector3f(1, 0, 0)
+    si = found.scene.ray_intersect(mi.Ray3f(mi.Point3f(0.9, 0, 0.9), direction))
+    prefix = found._no_prefix()
+    prefix.p = mi.Point3f(x, -1, 0.9)
+    prefix.start = mi.Point3f(x, -0.999, 0.9)
+    prefix.n = mi.Normal3f(0, 1, 0)
+    prefix.active = mi.UInt32(1)
+    link, density = found._link(prefix, si, direction, mi.Bool(True))
+    assert (density[0] > 0) == sees
+    assert (link.weight.x[0] > 0) == sees
 
 
 @pytest.mark.statistical
