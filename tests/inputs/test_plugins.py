@@ -30,7 +30,7 @@ KINDS: list[tuple[set[str], str]] = [
         {"True", "numpy-True"},
         "hide_emitters camera_unwarp discard_direct_light emitter_sampling",
     ),
-    ({"True", "numpy-True"}, "caustic_photons caustic_rays chain_rays"),
+    ({"True", "numpy-True"}, "caustic_photons caustic_rays chain_rays shared_paths"),
     ({"True", "numpy-True"}, "camera_connections use_nlos_only discard_direct_paths sample_border"),
     ({"True", "numpy-True"}, "nlos_hidden_geometry_sampling account_first_and_last_bounces"),
     ({"True", "numpy-True"}, "nlos_laser_sampling nlos_hidden_geometry_sampling_do_rroulette"),
@@ -92,7 +92,7 @@ def with_lamp(lamp: dict) -> dict[str, Any]:
 FOLLOWS = "max_depth rr_depth hide_emitters camera_unwarp discard_direct_light "
 FOLLOWS += "emitter_sampling gradient_sampling "
 IN_BINS = FOLLOWS + "temporal_filter gaussian_stddev pulse_width_opl "
-CAUSTICS = "caustic_photons caustic_rays chain_rays "
+CAUSTICS = "caustic_photons caustic_rays chain_rays shared_paths "
 LIGHTS = IN_BINS + CAUSTICS + "light_samples "
 WALL = IN_BINS + "relay_wall hidden_shapes use_nlos_only filter_bounces "
 WALL += "nlos_hidden_geometry_sampling account_first_and_last_bounces "
@@ -150,7 +150,7 @@ ELSEWHERE = {
     "test_nlos_input.py": "pulse_values pulse_start_opl pulse_bin_width_opl original_film_width "
     "original_film_height",
     "of some integrators alone": "max_bounces light_samples pulse_width_opl "
-    "caustic_photons caustic_rays chain_rays "
+    "caustic_photons caustic_rays chain_rays shared_paths "
     "temporal_filter gaussian_stddev target_time",
 }
 """Parameters in the tables of docstrings that are tried elsewhere, or not with every plugin."""

@@ -19,7 +19,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..bidirectional.caustic_photons import CausticPhotons
-from ..films.channels import color_count
+from ..films.channels import color_count, to_rgb
 from ..films.histogram import MAX_ADDED
 from ..films.recording import Recording
 from ..films.sums import AsSplats
@@ -30,6 +30,7 @@ from ..runtime.checkpoints import SavedState
 from ..samplers.padded_sobol import mix
 from .caustic_techniques import Caustics
 from .extra_rays import DeltaChains, ExtraRays, VisibleEmitters
+from .shared_paths import SharedPaths
 from .user_defined import Tracer
 
 STEP_SAMPLES = 1 << 22  # Largest number of camera rays in one kernel launch
@@ -49,9 +50,21 @@ LANES = {"llvm": 1 << 12, "cuda": 1 << 20}
 # Number of paths of a film below which pilots are slower than the paths
 FEW_PATHS = 1 << 15
 
+# Number of paths of a film below which paths are not shared by pixels, because another kernel is
+# slower than the paths
+FEW_SHARED_PATHS = 1 << 18
+
+# Number of pixels of a film below which paths are not shared, because neighboring pixels see points
+# that are far from each other
+FEW_SHARED_PIXELS = 1 << 10
+
 PHOTON_RATE = 0.5  # Photons per sample of a pixel; photons are much less noisy than paths
 LEAST_PHOTONS = 256  # Smallest number of photons for one sample of all pixels
 PHOTON_SEED = 0xF070
+SHARED_SEED = 0x711E
+
+BLOCKS = 2  # Number of shifts of tiles in a render, more if blocks have `MOST_IN_BLOCK` samples
+MOST_IN_BLOCK = 64  # Largest number of samples of a tile between two shifts
 
 # Number of lanes that always run on the same thread: the narrowest vector of the LLVM backend
 PRIVATE_LANES = 4
@@ -197,6 +210,7 @@ def steps(
     # Choose techniques for some kinds of paths, and exclude these kinds from the main paths
     extra_rays: list[ExtraRays] = []
     photons = None
+    shared = None
     if record.emitters_apart:
         # Caustics need pilots, which are too slow for renders with few paths
         whole_width, whole_height = sampled_size(film if tile is None else tile.whole)
@@ -212,6 +226,13 @@ def steps(
             if rays is not None:
                 extra_rays.append(rays)
                 tracer = rays.remaining_plan
+
+        # Neighboring pixels share paths, unless a kernel for them takes longer than the paths
+        enough = paths >= FEW_SHARED_PATHS and whole_width * whole_height >= FEW_SHARED_PIXELS
+        if enough and _loops(sampler):
+            shared = SharedPaths.of(tracer, sensor, record, tile)
+            if shared is not None:
+                tracer = shared.remaining_plan
 
     # --------------------- Prepare the film and the samplers ---------------------
 
@@ -243,7 +264,8 @@ def steps(
         tile=tile,
         one_writer=private,
     )
-    passes: list[_ExtraPixels | _PhotonPass] = []
+    passes: list[_ExtraPixels | _PhotonPass | _SharedPass] = []
+    quantum = 1
     reached = np.unique(np.concatenate([rays.pixels for rays in extra_rays] or [np.zeros(0, int)]))
     for rays in extra_rays:
         passes.append(
@@ -270,6 +292,13 @@ def steps(
             )
         )
 
+    if shared is not None:
+        shared_pass = _SharedPass(shared=shared, spp=spp, seed=seed, samples=samples)
+        passes.append(shared_pass)
+
+        # Both kinds of light have equal parts of their samples after each step
+        quantum = shared_pass.unit // math.gcd(shared_pass.unit, lanes)
+
     # --------------------- Render the steps ---------------------
 
     # Choose the size of the first step
@@ -279,7 +308,8 @@ def steps(
     while done < spp:
         # Trace the main paths
         start = time.perf_counter()
-        count = min(per_step, (spp - done) // lanes)
+        count = max(quantum, per_step // quantum * quantum)
+        count = min(count, (spp - done) // lanes)
         with backend.tracing_lock():
             record.accumulation.not_finite += _step(pixels, pixel, count)
 
@@ -464,6 +494,97 @@ class _PhotonPass:
         self.record.accumulation.not_finite += not_finite
 
 
+class _SharedPass:
+    """Indirect light that the pixels of tiles share, with a separate point set.
+
+    The tiles move after each block of samples. All lanes of a kernel have equal shifts. Therefore,
+    only one thread writes to each pixel.
+
+    Args:
+        shared: The paths.
+        spp: Samples per pixel of the render.
+        seed: Seed of the render.
+        samples: Range of samples and pixels.
+    """
+
+    def __init__(
+        self, shared: SharedPaths, spp: int, seed: int | mi.UInt32, samples: SampleRange
+    ) -> None:
+        # Several samples of a pixel share one sample of a tile, and several lanes share a tile
+        self.every = math.gcd(math.gcd(spp, samples.done), shared.every)
+        tile_samples = math.gcd(spp // self.every, samples.done // self.every)
+        self.lanes = 1 if mi.is_monochromatic else math.gcd(tile_samples, PRIVATE_LANES)
+        across, down = shared.tiles()
+        lane_count = across * down * self.lanes
+        self.tile = dr.arange(mi.UInt32, lane_count) // dr.opaque(mi.UInt32, self.lanes)
+
+        # Seed the sampler. An opaque seed avoids another kernel for each seed
+        self.sampler = best_sampler(spp)
+        self.sampler.set_samples_per_wavefront(self.lanes)
+        self.seed = mix(mi.UInt32(seed), mi.UInt32(SHARED_SEED))
+        dr.make_opaque(self.seed)
+        self.sampler.seed(self.seed, lane_count)
+        self.sampler.skip(samples.first + samples.done // self.every)
+
+        # Choose the number of samples between two shifts
+        block = min(MOST_IN_BLOCK, spp // self.every // BLOCKS)
+        self.block = self.lanes * max(1, block // self.lanes)
+        self.first = samples.first
+        self.done = samples.done // self.every
+        self.shared = shared
+
+    @property
+    def unit(self) -> int:
+        """Smallest number of samples per pixel of a step."""
+        return self.every * self.lanes
+
+    def sample(self, count: int) -> None:
+        """Add `count` samples per pixel, a multiple of `unit`."""
+        accumulation = self.shared.record.accumulation
+        count //= self.every
+        while count > 0:
+            # Use one shift until the end of the block
+            now = min(count, self.block - self.done % self.block)
+            number = mi.UInt32(self.first + self.done // self.block)
+            bits = mix(self.seed, number)
+            side = self.shared.side
+            shift = mi.Point2u(bits % side, (bits >> 16) % side)
+            dr.make_opaque(shift)
+            with backend.tracing_lock():
+                accumulation.not_finite += self._step(shift, now // self.lanes)
+            self.done += now
+            count -= now
+
+    @dr.syntax
+    def _step(self, shift: mi.Point2u, count: int) -> int:
+        """Compute `count` samples in every lane, and add them to the film."""
+        shared = self.shared
+        record = shared.record
+        sums, first, not_finite = shared.sample(
+            self.sampler, self.tile, shift, count, self.every
+        )
+
+        # Add the sums of the pixels to the picture
+        block = record.image.create_block()
+        k = dr.zeros(mi.UInt32, dr.width(self.tile))
+        corner = mi.Point2f(first) + mi.Vector2f(record.film.crop_offset())
+        zeros = [mi.Float(0)] * (block.channel_count() - color_count(record.image))
+        while k < shared.side * shared.side:
+            position = corner + mi.Point2f(k % shared.side, k // shared.side)
+            light = to_rgb(sums[k] * self.every, [])
+            block.put(position, [light.x, light.y, light.z, *zeros])
+            k += 1
+
+        # Evaluate all results together
+        self.sampler.schedule_state()
+        dr.schedule(not_finite)
+        record.image.put_block(block)
+        record.image.schedule_storage()
+        dr.eval()
+        dr.sync_thread()
+        return int(dr.sum(mi.UInt64(not_finite))[0])
+
+
 def _reached_pixels(pixels: np.ndarray, film: mi.Film) -> mi.UInt32:
     """Return the film's pixels that receive samples from given pixels of the sampled area.
 
@@ -500,7 +621,7 @@ def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
         writes to each pixel.
     """
     # With other samplers, a kernel launch computes one sample per lane
-    looping = {sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS}
+    looping = _loops(sampler)
     step = step_samples(STEP_SAMPLES) if looping else STEP_SAMPLES
     most = max(1, min(step // pixels, MAX_ADDED))
     if not looping:
@@ -518,6 +639,11 @@ def _lanes(sampler: mi.Sampler, pixels: int, spp: int) -> tuple[int, int, bool]:
         lanes = 1 if mi.is_monochromatic else math.gcd(spp, PRIVATE_LANES)
         private = True
     return lanes, max(1, most // lanes), private
+
+
+def _loops(sampler: mi.Sampler) -> bool:
+    """Return whether a sampler can advance to the next sample within a symbolic loop."""
+    return bool({sampler.class_name(), type(sampler).__name__} & {*LOOPING_SAMPLERS})
 
 
 def _shared_by(rays: int, lanes: int, most: int) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self, TypeVar
 
 import mitsuba as mi
@@ -22,9 +22,10 @@ M = TypeVar("M", bound=Measurement)
 
 @dataclass(frozen=True)
 class Techniques:
-    """Which techniques a render may use for caustics and mirror images.
+    """Which techniques a render may use in addition to its main paths.
 
-    The module `caustics` describes the techniques, and chooses one for each kind of paths.
+    The module `caustics` describes the techniques for caustics and mirror images, and chooses one
+    for each kind of paths. The module `shared_paths` describes shared paths.
     """
 
     # Photons that are aimed at mirrors and clear glass
@@ -35,6 +36,9 @@ class Techniques:
 
     # Rays from the camera through delta lobes to emitters
     chain_rays: bool
+
+    # Paths that neighboring pixels share
+    shared_paths: bool = False
 
 
 class Plan(Parts):
@@ -54,7 +58,7 @@ class Plan(Parts):
     # Whether contributions have positions on the film
     splats = False
 
-    # Techniques that renders may use for caustics and mirror images
+    # Techniques that renders may use in addition to the main paths
     techniques = Techniques(caustic_photons=False, caustic_rays=False, chain_rays=False)
 
     def __init__(
@@ -116,6 +120,12 @@ class Plan(Parts):
         long.limits = copy(limits)
         long.limits.min_depth = longest + 1
         return short, long
+
+    def without_shared_paths(self) -> Self:
+        """Return the plan without the technique of shared paths."""
+        other = copy(self)
+        other.techniques = replace(self.techniques, shared_paths=False)
+        return other
 
     def without(self, *kinds: Kind) -> Self:
         """Return the plan without some kinds of paths, which other techniques render."""

@@ -14,7 +14,7 @@ from .base import TransientIntegrator
 from .plan import Plan, Techniques
 
 # Parameters that switch techniques on and off, see `Techniques`
-TECHNIQUES = ("caustic_photons", "caustic_rays", "chain_rays")
+TECHNIQUES = ("caustic_photons", "caustic_rays", "chain_rays", "shared_paths")
 TEMPORAL_FILTERS = ("", "box", "gaussian")
 
 
@@ -32,6 +32,7 @@ class TransientPath(TransientIntegrator):
     | `caustic_photons` | true | find caustics with photons, see below |
     | `caustic_rays` | true | find caustics in mirrors or clear glass with caustic rays |
     | `chain_rays` | true | find emitters in mirrors or clear glass with extra rays |
+    | `shared_paths` | true | share the paths of indirect light between neighboring pixels |
     | `light_samples` | "auto" | number of points on lights that the first vertex of a path \
 connects to, 1 to 64; later vertices connect to half as many points, rounded up |
 
@@ -53,6 +54,11 @@ connects to, 1 to 64; later vertices connect to half as many points, rounded up 
     polarized variants, and cameras other
     than `perspective` and `thinlens` therefore use caustic rays instead of photons. Equal seeds
     give equal films up to rounding, because threads add photons in any order.
+
+    In scenes with diffuse surfaces only, the pixels of small tiles share the paths of indirect
+    light, see `integrators.shared_paths`. The noise of neighboring pixels is then correlated. With
+    `light_samples = "auto"`, direct light then has 8 points on lights, except for a single point
+    light or directional light.
 
     The attribute `pulse` can be set to any pulse of `tofrender.signals.pulses`. The energy of the
     pulse in each bin is exact and does not add noise. By default, the pulse is an instant and

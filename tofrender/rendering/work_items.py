@@ -136,6 +136,10 @@ def _render_in_batches(
     direct = None
     again = checkpoint.again if checkpoint else ""
 
+    # The filter expects that the noise of neighboring pixels is independent
+    if halves and isinstance(job.plan, Plan):
+        job = replace(job, plan=job.plan.without_shared_paths())
+
     # Render direct light separately. This step is fast, so checkpoints do not contain its result
     plans = _by_depth(job.plan) if halves and isinstance(job.plan, Plan) else None
     if plans is not None:
