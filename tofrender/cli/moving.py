@@ -183,9 +183,9 @@ class Axes:
             show_default=opt.FROM_SCENE,
         ),
     ] = None
-    bins: Annotated[
-        int | None, opt.setting("bins", default="two per resolution of the lidar")
-    ] = None
+    bins: Annotated[int | None, opt.setting("bins", default="two per resolution of the lidar")] = (
+        None
+    )
     rates: Annotated[
         Any,
         opt.checked(

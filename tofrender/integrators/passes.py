@@ -560,9 +560,7 @@ class _SharedPass:
         """Compute `count` samples in every lane, and add them to the film."""
         shared = self.shared
         record = shared.record
-        sums, first, not_finite = shared.sample(
-            self.sampler, self.tile, shift, count, self.every
-        )
+        sums, first, not_finite = shared.sample(self.sampler, self.tile, shift, count, self.every)
 
         # Add the sums of the pixels to the picture
         block = record.image.create_block()

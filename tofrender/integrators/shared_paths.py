@@ -36,10 +36,10 @@ from ..paths.endpoints import SceneLights
 from ..paths.path_kinds import Kind
 from ..paths.records import Path
 from ..paths.scattering import Materials
+from ..paths.sensor_window import KINDS
 from ..paths.space import Vacuum
 from ..paths.surfaces import bsdfs_in, materials
 from ..paths.walk import walk
-from ..paths.sensor_window import KINDS
 from ..runtime import gpu
 from ..runtime.lane_memory import packed, tape
 from .plan import Plan
