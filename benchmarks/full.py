@@ -36,7 +36,8 @@ from .timing import in_turn, trace
 
 SPP = 256
 RESULTS = Path(__file__).with_name("results.json")
-CAUSTICS = ("glass sphere", "mirror")
+OFF = dict.fromkeys(("caustic_photons", "caustic_rays", "chain_rays", "shared_paths"), False)
+"""Parameters of the integrator that switch all techniques off."""
 
 
 def measured(draws: Mapping[str, peers.Draw], seeds: int) -> dict[str, Any]:
@@ -82,12 +83,10 @@ def table(seeds: int) -> dict[str, Any]:
         described = scene()
         draws = {
             "ours": peers.bins(peers.ours(described), SPP),
-            "one light point": peers.bins(peers.ours(described, light_samples=1), SPP),
+            "without techniques": peers.bins(peers.ours(described, **OFF), SPP),
+            "one light point": peers.bins(peers.ours(described, light_samples=1, **OFF), SPP),
             "mitransient": peers.bins(peers.mitransient(described), SPP),
         }
-        if name in CAUSTICS:
-            off = {"caustic_photons": False, "caustic_rays": False, "chain_rays": False}
-            draws["without techniques"] = peers.bins(peers.ours(described, **off), SPP)
 
         # Measure them, with and without pixels that show a lamp
         found = measured(draws, seeds)
@@ -152,7 +151,7 @@ def times(runs: int) -> dict[str, Any]:
     def ratios(described: Described, spp: int) -> dict[str, float]:
         scenes = {
             "path": peers.path(described),
-            "one light point": peers.ours(described, light_samples=1),
+            "one light point": peers.ours(described, light_samples=1, **OFF),
             "ours": peers.ours(described),
             "mitransient": peers.mitransient(described),
         }

@@ -89,7 +89,8 @@ def readme_block(results: Results) -> str:
     after = f"""In the first row, nearly all of mitransient's variance is in the few pixels that
         show the lamp. The second ratio is {mirror} in a scene with a mirror, and {glass} with a
         glass sphere. At 256 x 256 pixels, a sample of tofrender needs {digits(large["ours"])} times
-        as long as a sample of Mitsuba's steady `path`. With `light_samples = 1`, this factor is
+        as long as a sample of Mitsuba's steady `path`. With `light_samples = 1` and without the
+        techniques for indirect light and caustics, this factor is
         {digits(large["one light point"])}; for mitransient, it is {digits(large[PEER])}.
         [Performance](docs/performance.md) contains all measurements."""
     return f"{paragraph(before)}\n\n{rows_of(rows)}\n\n{paragraph(after)}"
@@ -124,12 +125,13 @@ def page(results: Results) -> str:
             ),
         )
     )
-    parts = """Three techniques explain the gain. Directly visible lamps are sampled separately, by
-        many short rays. In scenes with mirrors or clear glass, photons and additional rays find
+    parts = """Four techniques explain the gain. Directly visible lamps are sampled separately, by
+        many short rays. In scenes with diffuse surfaces only, neighboring pixels share the paths of
+        indirect light. In scenes with mirrors or clear glass, photons and additional rays find
         caustics ([kinds of paths](how_it_works.md#kinds-of-paths)). Each vertex uses several
-        emitter samples (`light_samples`). The next two tables show the gain of the last two
-        techniques: variance times CPU time without the techniques for caustics, and with
-        `light_samples = 1`, each divided by the default:"""
+        emitter samples (`light_samples`). The next table shows variance times CPU time without
+        shared paths and without the techniques for caustics, divided by the default. The table
+        after it shows the same with `light_samples = 1` in addition:"""
     filtered = f"""The table shows the mean squared error of the plain render divided by the error
         with `denoise=True`. The first two columns use {denoising.SPP} samples per pixel for both
         renders. In the columns at equal time, the plain render uses additional samples, until it
@@ -158,7 +160,8 @@ def page(results: Results) -> str:
     lower = results["times"]["no lamp in view"]
     seconds = f"""The figure shows CPU time divided by the CPU time of Mitsuba's steady `path`, at
         equal samples per pixel. For 256 x 256 pixels of the box's lower half, without a lamp in
-        view, `light_samples = 1` needs {lower["one light point"]:.2f} times as long as `path`."""
+        view, `light_samples = 1` without shared paths needs {lower["one light point"]:.2f} times as
+        long as `path`."""
     return "\n\n".join(
         [
             "# Performance",
