@@ -79,7 +79,7 @@ def no_work(monkeypatch):
         "nlos.capturing.steps",
         "nlos.reconstruction.methods.backproject",
         "integrators.passes.steps",
-        "integrators.running.steps",
+        "integrators.render_loop.steps",
         "films.transient.TransientHDRFilm.prepare",
         "films.phasor.PhasorHDRFilm.prepare",
         "sampling.chi_square.chi_square_test",

@@ -26,7 +26,7 @@ PLACES = {
     "piece_bytes": ("rendering.cubes.PIECE_BYTES",),
     "view_bytes": ("rendering.cubes.VIEW_BYTES",),
     "memory_share": ("rendering.cubes.SHARE",),
-    "block_bytes": ("rendering.store.BLOCK_BYTES",),
+    "block_bytes": ("rendering.stored_film.BLOCK_BYTES",),
     "array_bytes": ("runtime.archives.MOST_BYTES",),
     "moving_values": ("cli.moving.MAX_VALUES",),
     "spad_events": ("sensors.events.CHUNK",),
@@ -35,7 +35,7 @@ PLACES = {
     "backprojected_pairs": ("nlos.reconstruction.backprojection._PAIRS_A_STEP",),
     "frame_digits": ("io.exr.LEAST_DIGITS",),
     # Tolerances
-    "window_checks": ("rendering.window.CHECKS",),
+    "window_checks": ("rendering.time_window.CHECKS",),
     "scene_extent": ("scenes.checking.EXTENT",),
     "denoising_margin": ("denoising.filtering.MARGIN",),
     "judge_alpha": ("course.judge.expect.ALPHA",),
@@ -45,7 +45,7 @@ PLACES = {
     "worker_patience": ("rendering.workers.PATIENCE",),
     "worker_least_wait_s": ("rendering.workers.LEAST_WAIT_S",),
     "worker_answer_s": ("rendering.workers.ANSWER_S",),
-    "warp_answer_s": ("apps.warptest.sources.ANSWER_S",),
+    "warp_answer_s": ("apps.warptest.warp_sources.ANSWER_S",),
     "page_written_s": ("apps.ui.page.WRITTEN_S",),
     # Submissions
     "unpacked_bytes": ("course.grade.unpacking.MAX_BYTES",),

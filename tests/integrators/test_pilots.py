@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.support import load, rendered, with_film, with_integrator
 
-from tofrender.integrators import caustics, passes, pilots
+from tofrender.integrators import caustic_techniques, passes, pilots
 from tofrender.integrators.caustic_techniques import Caustics
 from tofrender.scenes import cornell_box_mirror
 
@@ -36,7 +36,7 @@ def launches(scene: mi.Scene, seed: int = 0, spp: int = SPP) -> int:
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
         rendered(scene, spp, seed)
-        return [each.get("size") for each in dr.kernel_history()].count(caustics.PILOT)
+        return [each.get("size") for each in dr.kernel_history()].count(caustic_techniques.PILOT)
 
 
 def tables(scene: mi.Scene) -> list[np.ndarray]:

@@ -126,6 +126,7 @@ def pass_of(described: dict, spp: int) -> passes._SharedPass:
     """The pass of a scene, whose kernels are not launched."""
     found = technique(described)
     assert found is not None
+    found.record.prepare(spp)
     return passes._SharedPass(shared=found, spp=spp, seed=1, samples=passes.WHOLE)
 
 
@@ -162,7 +163,10 @@ def _state_after_a_step(loaded, spp: int, saved: SavedState | None = None):
     first = None
     for done in steps(plan, record, sensor, best_sampler(spp), 3, samples):
         if first is None:
-            first = done, {name: np.array(each) for name, each in record.state().items()}
+            first = (
+                done,
+                {name: np.array(each) for name, each in record.accumulation.state().items()},
+            )
     steady, transient = record.film.take()
     return *first, np.array(steady), np.array(transient)
 
