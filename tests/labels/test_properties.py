@@ -292,6 +292,15 @@ def sensed(sensor):
     return sensors.sense(film(), {"cycles": 90, "photons": photons} | sensor, seed=1)
 
 
+def depth_errors():
+    """Return errors of two methods at three signal levels."""
+    axes = ("reconstruction", "photons_per_cycle", "seed")
+    rng = np.random.default_rng(4)
+    values = {name: (axes, 0.1 + rng.random((2, 3, 2))) for name in ("error", "found")}
+    levels = {"reconstruction": ["lct", "bp"], "photons_per_cycle": [0.1, 0.3, 2.0]}
+    return xr.Dataset(values, levels | {"seed": [0, 1]})
+
+
 RATES = sensors.expected_photons(film(bins=12), photons_per_cycle=1.0, background_per_cycle=0.5)
 CAPTURE = small_capture().isel(x=slice(3), y=slice(2), opl=slice(8))
 EXAMPLES = {
@@ -300,6 +309,7 @@ EXAMPLES = {
     "CAPTURES": [captures()],
     "CLOUD": [cloud()],
     "COUNTS": [sensed({"spad": {}})],
+    "DEPTH_ERRORS": [depth_errors()],
     "DOPPLER": [doppler()],
     "FILM": [film(bins=4), film(stokes=True, bins=4)],
     "FRAMES": [frames()],

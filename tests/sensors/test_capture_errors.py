@@ -10,7 +10,7 @@ from tofrender import nlos, sensors, vis
 
 SPAD = {"cycles": 400, "photons": {"photons_per_cycle": 7.0}, "spad": {}}
 LEVELS = [0.5, 0.02]
-METHODS = ["fk", "bp"]
+METHODS = ["bp", "fk"]
 
 
 @pytest.fixture(scope="module")
@@ -34,9 +34,9 @@ def test_errors_are_those_of_single_reconstructions(wall):
     # The figure has a line for each method
     figure = vis.reconstruction_errors_figure(found, title="a plane")
     assert [line.get_label() for line in figure.axes[0].lines] == METHODS
-    np.testing.assert_array_equal(figure.axes[0].lines[0].get_xdata(), sorted(LEVELS))
+    np.testing.assert_array_equal(figure.axes[0].lines[1].get_xdata(), sorted(LEVELS))
     expected_line = found["error"].sel(reconstruction="fk").median("seed").values[::-1]
-    np.testing.assert_array_equal(figure.axes[0].lines[0].get_ydata(), expected_line)
+    np.testing.assert_array_equal(figure.axes[0].lines[1].get_ydata(), expected_line)
 
 
 def test_what_is_not_supported(wall):

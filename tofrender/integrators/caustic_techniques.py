@@ -1,8 +1,8 @@
 """Techniques for light that mirrors and clear glass reflect or refract.
 
 `Caustics.of` chooses a technique for each kind of paths with a delta lobe before the emitter (see
-`paths.path_kinds`), and excludes these kinds from the main paths. If no technique supports a kind, the
-main paths find it when a BSDF sample hits an emitter.
+`paths.path_kinds`), and excludes these kinds from the main paths. If no technique supports a kind,
+the main paths find it when a BSDF sample hits an emitter.
 
 | kind | technique | fallback |
 |---|---|---|

@@ -221,6 +221,13 @@ VOLUME = Kind(
 )
 """Intensities of voxels. Their coordinates are in m."""
 
+DEPTH_ERRORS = Kind(
+    "a Dataset of reconstruction_errors",
+    variables=dict.fromkeys(("error", "found"), ("reconstruction", "photons_per_cycle", "seed")),
+    real=("photons_per_cycle",),
+)
+"""Errors of reconstructions by method, signal level and seed."""
+
 RECORDS = Kind("a data set with transients", variables={"transient": ("record", *_FILM)})
 """Renders of a data set. The axis `record` is missing after the choice of a record."""
 

@@ -7,13 +7,13 @@ import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from ..labels import VOLUME, read
+from ..labels import DEPTH_ERRORS, VOLUME, read
 from ..nlos.reconstruction.depths import check_volume, depth_map
+from ..nlos.reconstruction.methods import METHODS
 from ..runtime import checks
 from ..runtime.canvas import figure_width, in_style, new_figure
 from ..runtime.plots import COLUMN, HATCH, PictureGrid, few_ticks, wrap_text
 
-_ERROR_AXES = {"reconstruction", "photons_per_cycle", "seed"}
 _MEASURES = {"error": "median depth error [m]", "found": "fraction of depths found"}
 _MARKERS = "osD^v"
 
@@ -119,7 +119,9 @@ def _edges(centers: np.ndarray) -> tuple[float, float]:
 
 
 @in_style()
-def reconstruction_errors_figure(errors: xr.Dataset, *, title: str | None = None) -> Figure:
+def reconstruction_errors_figure(
+    errors: Annotated[xr.Dataset, DEPTH_ERRORS], *, title: str | None = None
+) -> Figure:
     """Draw the depth error of each reconstruction method over the signal level.
 
     The left panel shows the median of the depth error over the seeds, with a band from the smallest
@@ -140,18 +142,16 @@ def reconstruction_errors_figure(errors: xr.Dataset, *, title: str | None = None
         'log'
     """
     # Check the arguments
-    checks.instance("errors", errors, xr.Dataset, "a Dataset of reconstruction_errors")
-    valid = all(name in errors and set(errors[name].dims) == _ERROR_AXES for name in _MEASURES)
-    checks.require("errors", list(errors), valid, "a Dataset of reconstruction_errors")
     checks.text("title", title)
-    errors = errors.sortby("photons_per_cycle")
+    errors = read(errors, DEPTH_ERRORS, "errors")
     levels = errors["photons_per_cycle"].values
+    methods = [name for name in METHODS if name in errors["reconstruction"].values]
 
     # Draw both panels
     width = figure_width(7.0)
     figure = new_figure(width, 3.0, "compressed")
     for axes, (name, label) in zip(figure.subplots(1, 2), _MEASURES.items(), strict=True):
-        for k, method in enumerate(errors["reconstruction"].values):
+        for k, method in enumerate(methods):
             values = errors[name].sel(reconstruction=method)
             middle, low, high = (
                 getattr(values, of)("seed").values for of in ("median", "min", "max")
