@@ -163,7 +163,7 @@ def test_captures_and_volumes():
 def test_what_does_not_fit(tmp_path):
     for given, said in (
         ({"orders": {"a": 3}}, r"orders\['a'\]: expected a Dataset of render, found int"),
-        ({"orders": {"a": make_dataset(2, 3, 4)}}, r"orders\['a'\]: the axis y is another"),
+        ({"orders": {"a": make_dataset(2, 3, 4)}}, r"orders\['a'\]: the axis y has"),
         ({"distance_m": np.ones((2, 2))}, r"distance_m with shape \(2, 2\): must be"),
         ({"distance_m": -np.ones((20, 30))}, "distance_m contains -1: must be from 0"),
         ({"most_bytes": 1}, "megabytes: must be larger"),
