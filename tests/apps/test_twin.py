@@ -127,5 +127,5 @@ def test_a_mesh_without_an_object_is_refused(folder, tmp_path):
     mesh = tmp_path / "tall_block" / "tall_block.stl"
     content = mesh.read_bytes()
     mesh.write_bytes(content[:80] + (12).to_bytes(4, "little") + content[84 : 84 + 12 * 50])
-    with refused("nothing above"):
+    with refused("must contain a table and an object"):
         load_recording(tmp_path, "tall_block")
