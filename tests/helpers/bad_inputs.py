@@ -23,7 +23,7 @@ _PYTHONS_OWN = re.compile(
 _REMEDY = re.compile(
     r"[mM]ust |does not exist|expected |needs up to |requires? |cannot be combined|is missing|"
     r"\b([aA]dd|[rR]emove|[uU]se|[cC]hoose|[sS]elect|[pP]ass|[sS]et|[mM]ake|[rR]un|[cC]ontinue|"
-    r"[cC]hange|[iI]ncrease|[rR]educe|[dD]efine) "
+    r"[cC]hange|[iI]ncrease|[rR]educe|[dD]efine|[sS]ave|[rR]estore) "
 )
 """Words by which a message says what is allowed, or what to do instead."""
 
