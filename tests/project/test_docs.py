@@ -324,7 +324,7 @@ def test_the_site_is_searched_without_a_network():
     }
     widely = {
         "dead time": "glossary.html#dead-time",
-        "NumPy array": "faq.html#how-do-i-get-a-numpy-array",
+        "NumPy array": "faq.html#getting-a-numpy-array",
         "lidar": "glossary.html#lidar",
         "multipath": "glossary.html#multipath",
         "GPU": "install.html#gpu",
