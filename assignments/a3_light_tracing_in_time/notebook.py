@@ -115,7 +115,9 @@ from light_tracer import TransientLightTracer
 
 light_tracer = make(TransientLightTracer, max_depth=DEPTH)
 light, light_bins = render(light_tracer, scene)
-path_tracer = mi.load_dict({"type": "transient_path", "max_depth": DEPTH})
+# The package also finds caustics by photons. Here, all paths start at the camera
+from_camera = {"caustic_photons": False, "caustic_rays": False, "chain_rays": False}
+path_tracer = mi.load_dict({"type": "transient_path", "max_depth": DEPTH, **from_camera})
 path, path_bins = (np.array(part) for part in mi.render(scene, integrator=path_tracer, spp=SPP))
 
 figure, axes = plt.subplots(1, 2, figsize=(9, 4.6), layout="constrained")

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import mitsuba as mi
 
-from ..bidirectional.caustic_photons import CausticPhotons
 from ..bidirectional.emission import allowed_kinds
 from ..bidirectional.photons import trace_photons
 from ..paths.camera import Tile
@@ -30,9 +30,13 @@ from ..paths.scattering import Materials
 from ..paths.sensor_window import KINDS
 from ..paths.space import Vacuum
 from ..paths.surfaces import has_lobes
+from ..runtime.editions import LeftOut
 from .pilots import Pilots
 from .plan import Plan
 from .user_defined import Tracer
+
+if TYPE_CHECKING:
+    from ..bidirectional.caustic_photons import CausticPhotons
 
 # Number of photons of the pilot, which guides caustic rays
 PILOT = 1 << 16
@@ -106,6 +110,12 @@ def _photons(
     """
     supported = sensor.class_name() in KINDS and plan.scene.environment() is None
     if not plan.techniques.caustic_photons or tile is not None or not supported or mi.is_polarized:
+        return None
+
+    # Some editions of the package do not contain the module. Then caustic rays find caustics
+    try:
+        from ..bidirectional.caustic_photons import CausticPhotons
+    except LeftOut:
         return None
     photons = CausticPhotons(
         scene=plan.scene,

@@ -13,12 +13,12 @@ import operator
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from ..bidirectional.caustic_photons import CausticPhotons
 from ..films.channels import color_count, to_rgb
 from ..films.histogram import MAX_ADDED
 from ..films.recording import Recording
@@ -32,6 +32,9 @@ from .caustic_techniques import Caustics
 from .extra_rays import DeltaChains, ExtraRays, VisibleEmitters
 from .shared_paths import SharedPaths
 from .user_defined import Tracer
+
+if TYPE_CHECKING:
+    from ..bidirectional.caustic_photons import CausticPhotons
 
 STEP_SAMPLES = 1 << 22  # Largest number of camera rays in one kernel launch
 FIRST_SAMPLES = 1 << 20  # Number of camera rays in the first kernel launch
